@@ -298,6 +298,13 @@ def _cause(effect: NamedEffect, length: float) -> str:
     return text
 
 
+def _worse(found: Diagnosis) -> bool:
+    """Whether the extended model clearly predicts what no fit has seen worse than the plain one."""
+    after, enough = found.extended.err_holdout, found.material_err
+    matters = after is not None and (enough is None or after > enough)
+    return found.gain is not None and found.gain.high < 0.0 and matters
+
+
 def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
     before, after = found.baseline.err_holdout, found.extended.err_holdout
     value, std = found.extended.specific_modulus
@@ -316,6 +323,8 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
             # Pictures that do not differ, as of one pose, give no interval.
             interval = f" (95 % interval {low} to {high} %)" if low != high else ""
             change += f", {percent(gain.value)} less{interval}"
+        elif _worse(found):
+            change += ", so the extended model predicts these data worse"
         else:
             change += ", so nothing is gained there"
         sentences.append(f"On data that were not used: {change}.")
@@ -328,5 +337,13 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
             )
             sentences.append(f"That is still more than {matters}{fits}.")
     what = "all of that" if found.effects else "the set-up as fitted"
+    if _worse(found):
+        plain = number(found.baseline.specific_modulus[0])
+        sentences.append(
+            f"Do not use {file} for such manipulations: it holds {what}, learned from the other "
+            f"data, which does not hold there. The plain model with E/mu = {plain} m^2/s^2 is "
+            "nearer."
+        )
+        return tuple(sentences)
     sentences.append(f"{load}: it holds {what}, and E/mu = {known}.")
     return tuple(sentences)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
 
-from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp, pegs_beside_set_up
+from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp, contacts_beside_set_up
 from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis
 from dlo_ros.diagnosis.findings.joint_learning import (
@@ -116,8 +116,8 @@ def _explained(
 def _met(
     rough: Callable[[], Sequence[Recording]], plain: PlainEvaluation, begun: TrainingSet,
     given: Settings, progress: Progress,
-) -> list[PegBesideSetUp]:  # fmt: skip
-    """Pegs that the DLO may have hit, where the set-up alone leaves an ERR that matters.
+) -> list[ContactBesideSetUp]:  # fmt: skip
+    """Pegs and walls that the DLO may have hit, where the set-up alone leaves an ERR that matters.
 
     Args:
         rough: function that gives the recordings with a coarse simulation.
@@ -126,7 +126,7 @@ def _met(
     if setup.mean_err < material_err(own_err(setup, recordings), given):
         return []
     progress("looking for what was hit", 0.0)
-    return pegs_beside_set_up(rough(), given, plain, begun.prepared.scene)
+    return contacts_beside_set_up(rough(), given, plain, begun.prepared.scene)
 
 
 def _learned(beginning: Beginning, count: int, given: Settings) -> PlainEvaluation:

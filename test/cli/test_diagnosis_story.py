@@ -147,8 +147,19 @@ def test_many_rivals_are_counted_in_the_headline():
 
 
 def test_no_gain_is_no_gain():
-    made = replace(case(after=3e-3), gain=Gain(-0.25, -0.3, -0.2))
-    assert "nothing is gained" in answers(made)[2]
+    made = replace(case(after=3e-3), gain=Gain(-0.25, -0.6, 0.1))
+    assert "nothing is gained" in answers(made)[2] and "Load extended" in answers(made)[2]
+
+
+def test_a_model_that_predicts_worse_is_not_to_be_used():
+    """Unless what it misses does not matter."""
+    worse = Gain(-0.25, -0.3, -0.2)
+    gain = answers(replace(case(after=3e-3), gain=worse))[2]
+    assert "2.4 mm before, 3.0 mm after, so the extended model predicts these data worse" in gain
+    assert "Do not use extended.yaml for such manipulations" in gain and "Load" not in gain
+    assert "plain model with E/mu = 5000 m^2/s^2 is nearer" in gain
+    small = replace(case(before=1.2e-4, after=1.5e-4), gain=worse)
+    assert "Load extended.yaml" in answers(small)[2]
 
 
 def test_what_cannot_be_simulated_is_no_number():

@@ -8,7 +8,7 @@ import pytest
 from experiment_recordings import fitted_set_up
 from rods import PAPER
 
-from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
+from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
 from dlo_ros.diagnosis.explain import (
     candidate_trials,
     cause_search,
@@ -211,13 +211,11 @@ def test_the_peg_that_explains_most_is_where_the_search_begins(monkeypatch):
     peg = {"x": 0.1, "z": -0.1, "radius": 0.01}
     before = ParametricModel(PAPER, material_priors(PAPER))
     pegs = [
-        PegBesideSetUp(
+        ContactBesideSetUp(
             before, Start("obstacle", {**peg, "x": x}, (), tuple(peg), neutral=False, form=f"{x}")
         )
         for x in (0.1, 0.2, 0.3)
     ]
-
-    monkeypatch.setattr(contact_trials, "_with_wall", lambda *_: None)
 
     def first_peg(evidences, errs):
         fits = dict(zip((0.1, 0.2, 0.3), zip(evidences, errs, strict=True), strict=True))
@@ -242,13 +240,15 @@ def test_the_peg_that_explains_most_is_where_the_search_begins(monkeypatch):
         (15.0, 1.5e-3, "obstacle", []),
     ],
 )
-def test_a_wall_takes_the_place_of_a_peg_that_explains_less(monkeypatch, gain, err, named, rivals):
+def test_of_a_wall_and_a_peg_the_one_that_explains_more_stays(
+    monkeypatch, gain, err, named, rivals
+):
     """The other is a rival where it comes as near."""
     peg = {"x": 0.1, "z": -0.1, "radius": 0.01}
     start = Start("obstacle", peg, (), tuple(peg), neutral=False)
     before = ParametricModel(PAPER, material_priors(PAPER))
     wall = StraightWall.touching(np.array([-1.0, 0.0]), -0.11)
-    monkeypatch.setattr(contact_trials, "wall_instead", lambda *_: wall)
+    contacts = [ContactBesideSetUp(before, s) for s in (start, wall)]
 
     def fitted(model, _):
         flat = "wall" in model.settings.effects
@@ -258,7 +258,7 @@ def test_a_wall_takes_the_place_of_a_peg_that_explains_less(monkeypatch, gain, e
         return found
 
     monkeypatch.setattr(contact_trials, "fitted", fitted)
-    found = contact_trials.best_contact(evaluation(0.0, 2e-3), (), [PegBesideSetUp(before, start)])
+    found = contact_trials.best_contact(evaluation(0.0, 2e-3), (), contacts)
     at, proposal = found.trial
     assert proposal.effect == named and named in at.model.settings.effects
     assert list(found.rivals) == rivals

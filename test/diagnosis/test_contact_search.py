@@ -12,9 +12,10 @@ from rods import PAPER
 
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis.contact import contact_search
-from dlo_ros.diagnosis.contact.contact_search import pegs_beside_set_up, plausible_pegs
+from dlo_ros.diagnosis.contact.contact_search import contacts_beside_set_up, plausible_pegs
 from dlo_ros.diagnosis.contact.peg_places import STATIONS, Sight, apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import _beginnings
+from dlo_ros.diagnosis.contact.wall_places import BETWEEN, TouchedWall, walls
 from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
 from dlo_ros.diagnosis.fitting.plain_evaluation import evaluate
@@ -73,6 +74,65 @@ def test_what_another_recording_sweeps_holds_no_peg():
     assert plausible_pegs(view) == []
 
 
+def landing(height, frames=40):
+    """A level rope that falls on a table, pictures of it, and where it would be otherwise [m]."""
+    u = np.linspace(0.04, 1.0, STATIONS) * ROD.length
+    expected = np.zeros((frames, STATIONS, 2))
+    expected[:, :, 0], expected[:, :, 1] = u, -DROP * np.arange(frames)[:, None]
+    seen = expected.copy()
+    seen[:, :, 1] = np.maximum(seen[:, :, 1], height)
+    return Sight(ROD, (seen,), (expected,), (np.abs(seen - expected).max(axis=(1, 2)) > 1e-3,))
+
+
+def test_a_wall_lies_where_the_observed_shapes_end():
+    """For each direction one, as far as predicted shapes go on, and up to a motion behind."""
+    found = walls(landing(TOP))
+    tables = [w for w in found if abs(w.angle) < 1e-6]
+    assert [w.z for w in tables] == pytest.approx([TOP - s * DROP for s in BETWEEN], abs=1e-6)
+    start = tables[0].start(ROD.diameter)
+    assert start.effect == "wall" and not start.neutral
+    assert start.block["offset"] == pytest.approx(TOP - 0.5 * ROD.diameter, abs=1e-6)
+    assert all(np.cos(w.angle) > 0.0 for w in found)  # predicted shapes go on downwards only
+    view = landing(TOP)
+    assert walls(replace(view, expected=view.seen)) == []
+
+
+def test_single_pictures_that_are_wrong_move_no_wall():
+    view = landing(TOP, 120)
+    seen = view.seen[0].copy()
+    seen[60, :, 1] -= 0.2
+    tables = [w for w in walls(replace(view, seen=(seen,))) if abs(w.angle) < 1e-6]
+    assert tables[0].z == pytest.approx(TOP, abs=1e-6)
+
+
+def test_a_wall_turns_about_the_point_that_is_touched():
+    wall = TouchedWall(0.1, -0.2, 0.3)
+    turned, nearer = wall.moved(0.0, 0.5), wall.moved(0.01, 0.0)
+    assert turned[:2] == wall[:2] and turned.angle == pytest.approx(0.8)
+    here, there = (w.start(ROD.diameter).block for w in (wall, nearer))
+    assert there["offset"] - here["offset"] == pytest.approx(0.01)
+    assert there["angle"] == here["angle"] == pytest.approx(0.3)
+    block = turned.start(ROD.diameter).block
+    normal = np.array([np.sin(block["angle"]), np.cos(block["angle"])])
+    assert normal @ wall[:2] - block["offset"] == pytest.approx(0.5 * ROD.diameter)
+
+
+@pytest.mark.slow
+def test_a_hidden_wall_beside_which_the_rope_bounces_is_found(tmp_path):
+    """No picture shows the rope at the wall, and no start of the search lies near it."""
+    challenge = draw(8130, "single", ("wall",))
+    bags = challenge.write(tmp_path, edges=100, step=2e-3)
+    settings = Settings.load(tmp_path / "params.yaml")
+    beginning = begin([load_manipulation(bag, settings) for bag in bags], settings)
+    begun = next(c for c in looked_for(settings, beginning) if c.start.effect == "wall")
+    model = replace(beginning.at.model, settings=begun.before.settings)
+    model = model.extended("wall", begun.start.block, begun.start.fitted)
+    there = evaluate(model, beginning.recordings, settings, derivatives=False)
+    plain = beginning.at
+    hit = int(np.argmax([e.mean() for e in plain.err]))
+    assert there.err[hit].mean() < 0.15 * plain.err[hit].mean()
+
+
 @pytest.mark.parametrize("entered", [0.0, 0.5, 1.0])
 def test_a_thick_rope_may_be_seen_to_pass_a_peg_by_its_radius(entered):
     """A falling rope is held up by a peg and seen with its axis too deep, by some radii."""
@@ -129,11 +189,11 @@ def hidden(tmp_path_factory):
 
 
 def looked_for(settings, beginning):
-    """The pegs that may have been hit, beside the set-up."""
+    """What may have been hit, beside the set-up."""
     rough = drafts(beginning.recordings, beginning.at)
     names = imposed_names(d.manipulation for d in rough)
     here = scene(settings, names, [d.observed for d in rough])
-    return pegs_beside_set_up(rough, settings, beginning.at, here)
+    return contacts_beside_set_up(rough, settings, beginning.at, here)
 
 
 @pytest.mark.slow
@@ -141,13 +201,13 @@ def test_a_hidden_peg_is_found_where_it_stands(hidden):
     settings, beginning, peg = hidden
     at = beginning.at
     begun = looked_for(settings, beginning)[0]
-    block = begun.peg.block
-    assert not begun.peg.neutral
+    block = begun.start.block
+    assert begun.start.effect == "obstacle" and not begun.start.neutral
     # The rope touches it on one side: its near edge is known best.
     gap = np.hypot(block["x"] - peg["x"], block["z"] - peg["z"])
     assert gap < abs(block["radius"] - peg["radius"]) + 0.006
     model = replace(at.model, settings=begun.before.settings)
-    model = model.extended("obstacle", block, begun.peg.fitted)
+    model = model.extended("obstacle", block, begun.start.fitted)
     there = evaluate(model, beginning.recordings, settings, derivatives=False)
     assert root_autocovariance(at.residuals) > 10.0
     assert root_autocovariance(there.residuals) < 0.1 * root_autocovariance(at.residuals)
@@ -168,7 +228,7 @@ def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
         observed = r.observed.copy()
         observed[..., 1] += 0.1 * settings.rod.length
         aloft.append(replace(r, observed=observed))
-    assert pegs_beside_set_up(aloft, settings, beginning.at, None) == []
+    assert contacts_beside_set_up(aloft, settings, beginning.at, None) == []
 
 
 @pytest.mark.slow

@@ -8,13 +8,11 @@ import pytest
 from measured import swing
 from rods import KNOWN, PAPER
 
-from dlo_ros.diagnosis.contact.peg_places import tangent_wall
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.fitting import plain_evaluation
 from dlo_ros.diagnosis.fitting.initial_fit import UNDAMPED, begin, drafts, finer
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit
 from dlo_ros.diagnosis.fitting.plain_evaluation import evaluate
-from dlo_ros.effects import Peg
 from dlo_ros.errors import SimulationError
 
 pytestmark = pytest.mark.long
@@ -120,19 +118,3 @@ def test_a_fit_ends_where_nothing_is_promised(beginning, monkeypatch):
 
     monkeypatch.setattr("dlo_ros.diagnosis.fitting.levenberg_marquardt.evaluate", simulated)
     assert fit(at, beginning.recordings, KNOWN, 3, damping=UNDAMPED) is at
-
-
-def test_a_peg_may_stand_for_a_wall_that_no_shape_reaches_behind():
-    """A straight DLO along x that lies on a peg below its middle, and one with its end lower."""
-    rod = PAPER.rod
-    lying = np.zeros((10, rod.control_points, 3))
-    lying[..., 0] = np.linspace(0.0, rod.length, rod.control_points)
-    touching = Peg(30 / 59 * rod.length, -0.01 - 0.5 * rod.diameter, 0.01)
-    normal, offset = tangent_wall(touching, rod, [lying])
-    assert normal == pytest.approx([0.0, 1.0], abs=0.05)
-    assert touching.x * normal[0] - offset == pytest.approx(0.5 * rod.diameter, abs=2e-4)
-    hanging = lying.copy()
-    hanging[:, -1, 2] = -0.1 * rod.length
-    assert tangent_wall(touching, rod, [lying, hanging]) is None
-    hanging[1:] = lying[1:]  # a single picture that is grossly wrong
-    assert tangent_wall(touching, rod, [lying, lying, hanging]) is not None

@@ -53,6 +53,19 @@ def test_the_verdict_says_whether_what_matters_is_explained(setup, after, withou
     assert _verdict(setup, after, MATTERS, NAMEABLE, causes) == verdict
 
 
+@pytest.mark.parametrize(
+    ("after", "before", "no_nearer"),
+    [
+        ((0.6e-3, 0.5e-3, 1.3e-3), (0.1e-3, 0.1e-3, 1.4e-3), True),  # one impact, no cause
+        ((0.1e-3, 0.1e-3, 1.3e-3), (0.1e-3, 0.1e-3, 1.4e-3), False),
+        (None, (1e-3,), False),  # it cannot be simulated
+    ],
+)
+def test_a_fit_that_comes_no_nearer_to_what_it_has_learned_is_told(after, before, no_nearer):
+    errors = [None if e is None else [np.full(5, x) for x in e] for e in (after, before)]
+    assert joint_outcome._no_nearer(*errors) is no_nearer
+
+
 def test_errors_that_stay_are_those_that_each_recording_shows():
     """One recording lies three times as far off as the other; their variance is common."""
     n, length, rng = 10, 0.5, np.random.default_rng(4)

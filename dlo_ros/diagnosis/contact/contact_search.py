@@ -1,9 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The search for a peg that a DLO may have hit, of which only outlier frames give evidence.
+"""The search for a peg or wall that a DLO may have hit, shown by outlier frames alone.
 
 It starts from the fit to undisturbed pictures (`robust_fit`, `undisturbed`) and the places that no
-shape enters (`peg_places`). Only the disturbed recordings are simulated, with all other numbers as
-they are.
+shape enters (`peg_places`, `wall_places`). Only the disturbed recordings are simulated, with all
+other numbers as they are.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from dlo_ros.diagnosis.contact.peg_places import Sight, apart, places, sight, tangent_wall
+from dlo_ros.diagnosis.contact.peg_places import Sight, apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import undisturbed
+from dlo_ros.diagnosis.contact.wall_places import TouchedWall, walls
 from dlo_ros.diagnosis.fitting import robust_fit
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
 from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
@@ -30,7 +31,7 @@ from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
-EFFECT = Obstacle.name
+EFFECTS = {Obstacle.name, StraightWall.name}
 RADII = (0.012, 0.006, 0.024)
 """Radii of the pegs that are tried, from a nail to a pipe [m]; the fit finds the true one."""
 OFF_BOARD = 0.02
@@ -45,15 +46,20 @@ NEAREST, NEAR, NEARER = 3, 0.05, 0.006
 """Number of best places near which others are simulated, their largest distance from these, and
 their smallest distance from each other, over the length."""
 HELPS = 0.8
-"""Largest loss with the best peg over that without one, of the disturbed recordings."""
+"""Largest loss with the best contact over that without one, of the disturbed recordings."""
 FITTED = 3
-STEP, LARGER = 0.01, 0.3
-"""First steps of the simplex search: over the length, and of the logarithm of the radius."""
-EVALUATIONS = 40
+STEP, LARGER, TURN = 0.01, 0.3, 0.1
+"""First steps of the simplex search: over the length, of the logarithm of a peg's radius, and of a
+wall's direction [rad]."""
+EVALUATIONS, ALIKE = 40, 0.01
+"""Simulations of this search, and differences of the loss at which it ends."""
 ITERATIONS = 6
 BEGUN = 2
+"""Pegs, and walls, that are kept."""
 WORSE = 4.0
-"""Sum of squared residuals over the best one's, up to which another peg is kept."""
+"""Sum of squared residuals over the best one's, up to which another contact is kept."""
+
+Hit = Peg | TouchedWall
 
 
 @dataclass(frozen=True)
@@ -72,66 +78,90 @@ class _Disturbed:
     scale: float
     given: Settings
 
-    def loss(self, peg: Peg) -> float | None:
-        """The robust loss with a peg; None where it cannot be simulated."""
+    def loss(self, hit: Hit) -> float | None:
+        """The robust loss with something that is hit; None where it cannot be simulated."""
         try:
-            at = evaluate(self._with(peg), self.recordings, self.given, derivatives=False)
+            at = evaluate(self._with(hit), self.recordings, self.given, derivatives=False)
         except SimulationError:
             return None
         return robust_fit.loss(at, self.scale)
 
-    def fitted(self, peg: Peg) -> PlainEvaluation | None:
-        """Fit of a peg's numbers, by a simplex search first, since the loss has jumps."""
+    def losses(self, some: Sequence[Hit]) -> list[tuple[float, Hit]]:
+        """The losses of those that can be simulated, and they."""
+        found = Threads().map(self.loss, some)
+        return [(loss, hit) for hit, loss in zip(some, found, strict=True) if loss is not None]
+
+    def fitted(self, hit: Hit) -> tuple[float, Start] | None:
+        """Fit of a contact's numbers, by a simplex search first, since the loss has jumps.
+
+        Returns:
+            Sum of squared residuals, and the fitted numbers.
+        """
         length = self.given.rod.length
 
-        def moved(step: FloatArray) -> Peg:
+        def moved(step: FloatArray) -> Hit:
+            if isinstance(hit, TouchedWall):
+                return hit.moved(STEP * length * float(step[0]), float(step[1]))
             dx, dz = (STEP * length * step[:2]).tolist()
-            return Peg(peg.x + dx, peg.z + dz, peg.radius * float(np.exp(step[2])))
+            return Peg(hit.x + dx, hit.z + dz, hit.radius * float(np.exp(step[2])))
 
         def left(step: FloatArray) -> float:
             loss = self.loss(moved(step))
             return np.inf if loss is None else loss
 
-        simplex = np.vstack([np.zeros(3), np.diag([1.0, 1.0, LARGER])])
-        options = {"initial_simplex": simplex, "maxfev": EVALUATIONS}
+        first = [1.0, TURN] if isinstance(hit, TouchedWall) else [1.0, 1.0, LARGER]
+        simplex = np.vstack([np.zeros(len(first)), np.diag(first)])
+        options = {
+            "initial_simplex": simplex, "maxfev": EVALUATIONS, "fatol": ALIKE, "xatol": np.inf
+        }  # fmt: skip
         found = minimize(left, simplex[0], method="Nelder-Mead", options=options)
-        return attempt(self._with(moved(found.x)), self.recordings, self.given, ITERATIONS)
+        start = self._start(moved(found.x))
+        at = attempt(self._with(moved(found.x)), self.recordings, self.given, ITERATIONS)
+        if at is None:
+            return None
+        return at.sum_of_squares, replace(start, block=at.model.settings.effects[start.effect])
 
-    def _with(self, peg: Peg) -> PlainModel:
-        """The model with a peg, of which only the peg's numbers are open."""
-        block = peg._asdict()
-        extended = self.model.extended(EFFECT, block, tuple(block))
-        return replace(extended, free=names(EFFECT, block, tuple(block)))
+    def _start(self, hit: Hit) -> Start:
+        """Where the fit of a contact begins."""
+        if isinstance(hit, TouchedWall):
+            return hit.start(self.model.settings.rod.diameter)
+        return _start(hit, 0)
+
+    def _with(self, hit: Hit) -> PlainModel:
+        """The model with a contact, of which only the contact's numbers are open."""
+        start = self._start(hit)
+        extended = self.model.extended(start.effect, start.block, start.fitted)
+        return replace(extended, free=names(start.effect, start.block, start.fitted))
 
 
 @dataclass(frozen=True)
-class PegBesideSetUp:
-    """A peg that may have been hit, and the joint model fitted to the pictures before."""
+class ContactBesideSetUp:
+    """What may have been hit, and the joint model fitted to the pictures before."""
 
     before: ParametricModel
-    peg: Start
+    start: Start
 
 
-def pegs_beside_set_up(
+def contacts_beside_set_up(
     drafts: Sequence[Recording], given: Settings, at: PlainEvaluation, scene: Scene
-) -> list[PegBesideSetUp]:
-    """Pegs that the DLO may have hit, beside a set-up that is off within its tolerances.
+) -> list[ContactBesideSetUp]:
+    """What the DLO may have hit, beside a set-up that is off within its tolerances.
 
-    There are none where it moves in space, off the board with the pegs.
+    It is nothing where the DLO moves in space, off the board with the pegs.
 
     Args:
-        drafts: the recordings with a coarse simulation, to try pegs with.
+        drafts: the recordings with a coarse simulation, to try contacts with.
         given: the parameter file.
         at: the plain model, fitted to all pictures.
         scene: size, clamps and reach of the motion in the recordings.
     """
-    if EFFECT in at.model.effects or _in_space(drafts, given):
+    if EFFECTS & set(at.model.effects) or _in_space(drafts, given):
         return []
     before = undisturbed(drafts, given, at, scene)
     if before is None:
         return []
-    pegs = _pegs(drafts, given, before.at, before.scale)
-    return [PegBesideSetUp(before.model, _start(peg, k)) for k, peg in enumerate(pegs)]
+    found = _contacts(drafts, given, before.at, before.scale)
+    return [ContactBesideSetUp(before.model, start) for start in found]
 
 
 def _in_space(drafts: Sequence[Recording], given: Settings) -> bool:
@@ -140,56 +170,50 @@ def _in_space(drafts: Sequence[Recording], given: Settings) -> bool:
     return any(np.abs(d.observed[..., 1]).max() > most for d in drafts)
 
 
-def _pegs(
+def _contacts(
     drafts: Sequence[Recording], given: Settings, consensus: PlainEvaluation, scale: float
-) -> list[Peg]:
-    """The pegs with which a fit to undisturbed pictures comes nearest to the other pictures.
+) -> list[Start]:
+    """The pegs and walls with which a fit to undisturbed pictures comes nearest to the others.
 
     Args:
         consensus: evaluation of the fit to undisturbed pictures on all drafts.
         scale: scale of the robust loss, see `robust_fit.robust`.
     """
-    length = consensus.model.settings.rod.length
     observed = [d.observed for d in drafts]
     wrong = robust_fit.outlier_frames(consensus, scale)
     if not any(w.any() for w in wrong):
         return []
     view = sight(consensus.model.settings.rod, observed, consensus.predicted, wrong)
-    likely = _likely(view)
     disturbed = [k for k, w in enumerate(wrong) if w.any()]
     hit = _Disturbed(consensus.model, tuple(drafts[k] for k in disturbed), scale, given)
+    there = replace(consensus, residuals=tuple(consensus.residuals[k] for k in disturbed))
+    most = HELPS * robust_fit.loss(there, scale)
+    fits: list[tuple[float, Start]] = []
+    for kind in (_best_pegs(hit, view), _best_walls(hit, view)):
+        found = Threads().map(hit.fitted, [h for loss, h in kind if loss <= most])
+        fits += sorted((f for f in found if f is not None), key=lambda f: f[0])[:BEGUN]
+    least = min((squares for squares, _ in fits), default=0.0)
+    kept = [f for f in fits if f[0] < WORSE * least]
+    return [start for _, start in sorted(kept, key=lambda f: f[0])]
 
-    def simulated(some: Sequence[Peg]) -> list[tuple[float, Peg]]:
-        losses = Threads().map(hit.loss, some)
-        return [(loss, peg) for peg, loss in zip(some, losses, strict=True) if loss is not None]
 
-    tried = simulated(apart(likely, APART * length, SIMULATED))
+def _best_pegs(hit: _Disturbed, view: Sight) -> list[tuple[float, Hit]]:
+    """The pegs that leave least, at places that are looked at ever more closely."""
+    likely, length = _likely(view), hit.given.rod.length
+    tried = hit.losses(apart(likely, APART * length, SIMULATED))
     tried.sort(key=lambda t: t[0])
     for _, peg in tried[:NEAREST]:
         near = [p for p in likely if np.hypot(p.x - peg.x, p.z - peg.z) < NEAR * length]
-        tried += simulated(apart(near, NEARER * length, SIMULATED))
+        tried += hit.losses(apart(near, NEARER * length, SIMULATED))
     tried.sort(key=lambda t: t[0])
-    there = replace(consensus, residuals=tuple(consensus.residuals[k] for k in disturbed))
-    if not tried or tried[0][0] > HELPS * robust_fit.loss(there, scale):
-        return []
-    best = apart([peg for _, peg in tried], NEARER * length, FITTED)
-    fits = [f for f in Threads().map(hit.fitted, best) if f is not None]
-    fits.sort(key=lambda f: f.sum_of_squares)
-    return [
-        peg_of(f.model.settings)
-        for f in fits[:BEGUN]
-        if f.sum_of_squares < WORSE * fits[0].sum_of_squares
-    ]
+    best = apart([peg for _, peg in tried if isinstance(peg, Peg)], NEARER * length, FITTED)
+    losses = {peg: loss for loss, peg in tried}
+    return [(losses[peg], peg) for peg in best]
 
 
-def wall_instead(model: ParametricModel, observed: Sequence[FloatArray]) -> Start | None:
-    """A straight wall in place of the peg of a model; None where the DLO reaches behind it.
-
-    Args:
-        observed: control points of each recording [m], shape (F, n, 3).
-    """
-    found = tangent_wall(peg_of(model.settings), model.settings.rod, observed)
-    return None if found is None else StraightWall.touching(*found)
+def _best_walls(hit: _Disturbed, view: Sight) -> list[tuple[float, Hit]]:
+    """The wall that leaves least; its place and direction are one valley."""
+    return sorted(hit.losses(walls(view)), key=lambda t: t[0])[:1]
 
 
 def plausible_pegs(view: Sight) -> list[Start]:
@@ -200,7 +224,7 @@ def plausible_pegs(view: Sight) -> list[Start]:
 
 def _start(peg: Peg, rank: int) -> Start:
     block = peg._asdict()
-    return Start(EFFECT, block, (), tuple(block), neutral=False, form=f"peg {rank + 1}")
+    return Start(Obstacle.name, block, (), tuple(block), neutral=False, form=f"peg {rank + 1}")
 
 
 def _likely(view: Sight) -> list[Peg]:
@@ -210,9 +234,3 @@ def _likely(view: Sight) -> list[Peg]:
     if not found or found[0].left > LEFT * view.count:
         return []
     return [p.peg for p in found if p.left <= found[0].left + AS_LIKELY * view.count]
-
-
-def peg_of(settings: Settings) -> Peg:
-    """The peg that settings contain."""
-    block = settings.effects[EFFECT]
-    return Peg(*(v for key in Peg._fields if not isinstance(v := block[key], tuple)))

@@ -14,18 +14,13 @@ from dlo_ros.spline import FloatArray, SplineBasis
 
 TRIED = 150
 """Places in a recording."""
-STATIONS, DENSE = 60, 10
+STATIONS = 60
 BENT = 0.5
 """Deviation of a station over the largest of its picture, from which it may have been pushed."""
-TOUCHING = 20
-"""Points that were seen nearest to a peg, which tell on which side of it the DLO lies."""
 SLACK = 1.5e-3
 """How far an observed shape may seem to reach into a peg [m]: noise, and the spline's own error."""
 AFTER = 3
 """Pictures after a hit that must be off."""
-BEHIND, GROSS = 0.02, 0.05
-"""How far a shape may seem to lie behind a wall, over the length, and share of the shapes that may
-lie farther: a fitted peg has given way along the wall, and single pictures are grossly wrong."""
 
 
 @dataclass(frozen=True)
@@ -135,43 +130,3 @@ def apart(found: Sequence[Peg], distance: float, most: int) -> list[Peg]:
         if len(kept) == most:
             break
     return kept
-
-
-def tangent_wall(
-    peg: Peg, rod: RodParameters, observed: Sequence[FloatArray]
-) -> tuple[FloatArray, float] | None:
-    """The straight wall that touches the DLO where a peg does, unless shapes lie behind it.
-
-    Args:
-        observed: control points of each recording [m], shape (F, n, 3).
-
-    Returns:
-        Its unit normal (x, z), towards the free side, and its coordinate along it [m]; None where
-        more than single gross shapes reach behind it.
-    """
-    points = _points(rod, observed)
-    normal = _side(peg, points)
-    offset = float(np.array([peg.x, peg.z]) @ normal) + peg.radius
-    nearest = (points @ normal).min(axis=1) - offset - 0.5 * rod.diameter
-    behind = float(np.mean(nearest < -BEHIND * rod.length))
-    return None if behind > GROSS else (normal, offset)
-
-
-def _points(rod: RodParameters, observed: Sequence[FloatArray]) -> FloatArray:
-    """Points of all shapes in the board's plane [m], dense enough for the direction of a contact.
-
-    Returns:
-        Shape (F, Q, 2).
-    """
-    basis = SplineBasis(rod.control_points, rod.length)
-    values = basis.matrix(np.linspace(0.0, rod.length, DENSE * STATIONS))
-    return np.concatenate([np.einsum("qn,fnc->fqc", values, o)[..., [0, 2]] for o in observed])
-
-
-def _side(peg: Peg, points: FloatArray) -> FloatArray:
-    """Direction from a peg to the DLO where that touches it, shape (2,)."""
-    off = points.reshape(-1, 2) - np.array([peg.x, peg.z])
-    distance = np.linalg.norm(off, axis=1)
-    nearest = np.argsort(distance)[:TOUCHING]
-    side = np.mean(off[nearest] / np.maximum(distance[nearest, None], 1e-12), axis=0)
-    return np.asarray(side / max(float(np.linalg.norm(side)), 1e-12))

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
+from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
 from dlo_ros.diagnosis.explain.candidate_trials import LOWERS, WORTH, Step, Trial, gains
 from dlo_ros.diagnosis.explain.cause_naming import FAR, Cause, named, without_needless
 from dlo_ros.diagnosis.explain.cause_search import (
@@ -139,13 +139,13 @@ def _believing(model: ParametricModel) -> ParametricModel:
 
 
 def explain(
-    prepared: Prepared, given: Settings, pegs: Sequence[PegBesideSetUp] = ()
+    prepared: Prepared, given: Settings, contacts: Sequence[ContactBesideSetUp] = ()
 ) -> Explanation:
     """Look for causes beyond a set-up.
 
     Args:
         given: the parameter file.
-        pegs: pegs that the DLO may have hit.
+        contacts: pegs and walls that the DLO may have hit.
 
     Raises:
         SimulationError: the joint model cannot be simulated.
@@ -153,7 +153,7 @@ def explain(
     recordings = prepared.recordings
     begun = starts(prepared.scene)
     enough = material_err(0.0, given)
-    contact = best_contact(prepared.setup, recordings, pegs)
+    contact = best_contact(prepared.setup, recordings, contacts)
     setup, first = _beginning(prepared, begun, contact, enough)
     found = search(setup, prepared.meant, recordings, begun, enough, first)
     hit = contact.trial if contact is not None and contact.trial[1] in found.causes else None

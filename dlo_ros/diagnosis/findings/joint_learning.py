@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
+from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation, Prepared, explain, prepare
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning, drafts
@@ -101,7 +101,9 @@ def training_set(
     return TrainingSet(recordings, count, held_out, prepare(rough, plain, given))
 
 
-def learn(training: TrainingSet, given: Settings, pegs: Sequence[PegBesideSetUp] = ()) -> Learned:
+def learn(
+    training: TrainingSet, given: Settings, contacts: Sequence[ContactBesideSetUp] = ()
+) -> Learned:
     """Explain the recordings that are not held out.
 
     Causes are looked for with drafts; the values with which the rest is predicted are learned with
@@ -110,7 +112,7 @@ def learn(training: TrainingSet, given: Settings, pegs: Sequence[PegBesideSetUp]
 
     Args:
         given: the parameter file.
-        pegs: pegs that the DLO may have hit.
+        contacts: pegs and walls that the DLO may have hit.
 
     Raises:
         SimulationError: the joint model cannot be simulated.
@@ -118,7 +120,7 @@ def learn(training: TrainingSet, given: Settings, pegs: Sequence[PegBesideSetUp]
     recordings, count, held_out = training.recordings, training.count, training.held_out
     frames = [len(r.times) for r in recordings]
     masks = [np.full(f, k >= count or k == held_out) for k, f in enumerate(frames)]
-    found = explain(training.prepared, given, pegs)
+    found = explain(training.prepared, given, contacts)
     chosen = [k for k, mask in enumerate(masks) if not mask.any()]
     learned = [recordings[k] for k in chosen]
     rough = dict(zip(chosen, training.prepared.recordings, strict=True))

@@ -123,14 +123,17 @@ def joint_outcome(
     matters = material_err(own, given)
     bare_model = _unseeing(plain, first, learned.masks[: len(first)], given)
     before = errors_of(bare_model, recordings, learned.masks)
-    suffices = not found.causes and plain.mean_err < matters
+    immaterial = plain.mean_err < matters
+    suffices = not found.causes and (immaterial or _no_nearer(final.learned.seen, before[1]))
     if suffices:  # what was fitted beyond the plain model predicts nothing better
         errors, shown = _Errors(*before, *before), plain
     else:
         errors = _Errors(*before, final.learned.held, final.learned.seen)
     left = errors.left(found.at.mean_err)
     share = _share(errors.missing, left, own)
-    setup = plain.mean_err if suffices else _set_up_err(found, at, first, known, matters)
+    setup = (
+        plain.mean_err if suffices and immaterial else _set_up_err(found, at, first, known, matters)
+    )
     # A recording that is held out and cannot be fitted beside the others is not explained.
     least = 0.0 if len(at.err) == len(first) else left
     # A fit to all that lies farther off than what was predicted has only ended early.
@@ -201,6 +204,16 @@ def _final(
     alone = replace(found, at=found.setup, causes=(), proposals=(), exact=False)
     bare = replace(learned, explanation=alone, held=None, seen=None)
     return _final(bare, recordings, known, given)
+
+
+def _no_nearer(after: Errors, before: Errors) -> bool:
+    """Whether the full model is no nearer than the plain one to what both were learned from.
+
+    Beside a cause that it does not contain, such as an impact, a fit of the set-up is wrong a
+    little in all pictures, where the plain model is wrong in few.
+    """
+    there, here = holdout.mean(after), holdout.mean(before)
+    return there is not None and here is not None and there >= here
 
 
 def _set_up_err(

@@ -66,7 +66,7 @@ class StraightWall(Effect):
             normal: unit normal towards the free side (x, z), shape (2,).
             offset: coordinate of the wall along it [m].
         """
-        return cls._start(offset, math.atan2(normal[0], normal[1]), "in place of a peg")
+        return cls._start(offset, math.atan2(normal[0], normal[1]), "touched")
 
     @classmethod
     def _start(cls, offset: float, angle: float, form: str) -> Start:
