@@ -24,7 +24,7 @@ from dlo_ros.rod.elements.strains import span_twist
 from dlo_ros.rod_settings import STANDARD_GRAVITY, RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
-CONTACTS = 8  # points of a knot span at which contact is looked for
+CONTACTS = 8  # points of a knot span at which contact is looked for, and one more at the end
 CONTACT_PENETRATION = 2e-6  # of L: how deep a contact gives way under all of the DLO's weight
 PRESLIDING_DISPLACEMENT = 3e-5  # of L: displacement at which friction acts fully
 INACTIVE = 9e5  # [1/m] curvatures that no DLO reaches
@@ -222,10 +222,10 @@ class RodModel:
             [[w.x, w.z, w.offset + 0.5 * rod.diameter] for w in body.walls], dtype=np.float64
         ).reshape(-1, 3)
         spans = self.basis.spans if len(pegs) or len(walls) else 0
-        span = np.repeat(np.arange(spans), CONTACTS)
         width = length / max(self.basis.spans * CONTACTS, 1)
-        u = (np.arange(spans * CONTACTS) + 0.5) * width
-        b = self._local(u, 0)[1] if spans else np.zeros((0, 4))
+        # A tip touches a wall first: both ends are among the points.
+        u = width * np.arange(spans * CONTACTS + 1 if spans else 0)
+        span, b = self._local(u, 0)
         # All of the DLO's weight on one point presses it in by very little.
         weight = rod.linear_density * STANDARD_GRAVITY * length
         push = weight + 10.0 * rod.bending_stiffness / length**2

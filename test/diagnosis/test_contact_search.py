@@ -13,9 +13,9 @@ from rods import PAPER
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis.contact import contact_search
 from dlo_ros.diagnosis.contact.contact_search import contacts_beside_set_up, plausible_pegs
-from dlo_ros.diagnosis.contact.peg_places import STATIONS, Sight, apart, places, sight
+from dlo_ros.diagnosis.contact.peg_places import SLACK, STATIONS, Sight, apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import _beginnings
-from dlo_ros.diagnosis.contact.wall_places import BETWEEN, TouchedWall, walls
+from dlo_ros.diagnosis.contact.wall_places import TouchedWall, beside, tangent, walls
 from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
 from dlo_ros.diagnosis.fitting.plain_evaluation import evaluate
@@ -85,24 +85,41 @@ def landing(height, frames=40):
 
 
 def test_a_wall_lies_where_the_observed_shapes_end():
-    """For each direction one, as far as predicted shapes go on, and up to a motion behind."""
-    found = walls(landing(TOP))
-    tables = [w for w in found if abs(w.angle) < 1e-6]
-    assert [w.z for w in tables] == pytest.approx([TOP - s * DROP for s in BETWEEN], abs=1e-6)
-    start = tables[0].start(ROD.diameter)
+    """And behind that as far as the DLO may have gone between two pictures."""
+    view = landing(TOP)
+    found = walls(view)
+    table, *others = (w for w in found if abs(w.angle) < 1e-6)
+    assert table.z == pytest.approx(TOP, abs=1e-6)
+    first_wrong = view.expected[0][np.argmax(view.wrong[0]), 0, 1]
+    assert max(w.z for w in others) == pytest.approx(TOP + SLACK)
+    assert min(w.z for w in others) == pytest.approx(first_wrong)
+    start = table.start(ROD.diameter)
     assert start.effect == "wall" and not start.neutral
     assert start.block["offset"] == pytest.approx(TOP - 0.5 * ROD.diameter, abs=1e-6)
-    assert all(np.cos(w.angle) > 0.0 for w in found)  # predicted shapes go on downwards only
+    assert all(w.z > TOP - 2.0 * DROP for w in found if np.cos(w.angle) > 0.9)
+
+
+def test_a_wall_is_no_farther_than_predicted_shapes_reach_before_they_are_wrong():
+    """A slow rope meets a table that no picture of it shows, but what is predicted does."""
     view = landing(TOP)
-    assert walls(replace(view, expected=view.seen)) == []
+    expected = np.maximum(view.expected[0], TOP - 0.25 * DROP)
+    tables = [w for w in walls(replace(view, expected=(expected,))) if abs(w.angle) < 1e-6]
+    assert min(w.z for w in tables) == pytest.approx(TOP - 0.25 * DROP, abs=1e-6)
 
 
 def test_single_pictures_that_are_wrong_move_no_wall():
     view = landing(TOP, 120)
     seen = view.seen[0].copy()
     seen[60, :, 1] -= 0.2
-    tables = [w for w in walls(replace(view, seen=(seen,))) if abs(w.angle) < 1e-6]
-    assert tables[0].z == pytest.approx(TOP, abs=1e-6)
+    assert tangent(replace(view, seen=(seen,)), 0.0).z == pytest.approx(TOP, abs=1e-6)
+
+
+def test_walls_beside_one_go_through_its_point_and_along_the_shapes():
+    view = landing(TOP)
+    wall = TouchedWall(0.3, TOP - 0.002, 0.0)
+    found = beside(view, wall)
+    assert sum(w[:2] == wall[:2] for w in found) == 0.5 * len(found)
+    assert wall in found and tangent(view, 0.0) in found
 
 
 def test_a_wall_turns_about_the_point_that_is_touched():

@@ -105,6 +105,18 @@ def test_a_wall_stands_where_its_offset_and_angle_say():
         assert (side * free.basis.evaluate(loose.state.q, U)[:, 0]).min() < -0.06
 
 
+@pytest.mark.parametrize("spans", [7, 28])
+def test_a_tip_alone_touches_a_table_where_it_stands(spans):
+    """A level cantilever that droops on it: the table's height is that of the tip's surface."""
+    free, _, loose = settled(PAPER, held_start(), spans)
+    end = np.array([ROD.length])
+    table = float(free.basis.evaluate(loose.state.q, end)[0, 2]) + 2e-3
+    settings = PAPER.with_effects({"wall": {"offset": table - 0.5 * ROD.diameter}})
+    model, _, found = settled(settings, held_start(), spans)
+    assert found.stable
+    assert model.basis.evaluate(found.state.q, end)[0, 2] == pytest.approx(table, abs=5e-6)
+
+
 def total_energy(model, state):
     velocity = np.empty_like(state.velocity)
     rod_forces.multiply_scalar(model.mass, model.spin, state.velocity, velocity)

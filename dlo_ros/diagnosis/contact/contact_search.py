@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 
 from dlo_ros.diagnosis.contact.peg_places import Sight, apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import undisturbed
-from dlo_ros.diagnosis.contact.wall_places import TouchedWall, walls
+from dlo_ros.diagnosis.contact.wall_places import TouchedWall, beside, walls
 from dlo_ros.diagnosis.fitting import robust_fit
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
 from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
@@ -47,10 +47,14 @@ NEAREST, NEAR, NEARER = 3, 0.05, 0.006
 their smallest distance from each other, over the length."""
 HELPS = 0.8
 """Largest loss with the best contact over that without one, of the disturbed recordings."""
-FITTED = 3
+FITTED, HOPELESS = 3, 10.0
+"""Number of pegs, and of walls, that are fitted, and loss over the best one's up to which one is
+fitted."""
 STEP, LARGER, TURN = 0.01, 0.3, 0.1
 """First steps of the simplex search: over the length, of the logarithm of a peg's radius, and of a
 wall's direction [rad]."""
+NORMAL = 0.1
+"""First step along a wall's normal over that of a peg: walls are tried as near to each other."""
 EVALUATIONS, ALIKE = 40, 0.01
 """Simulations of this search, and differences of the loss at which it ends."""
 ITERATIONS = 6
@@ -109,7 +113,7 @@ class _Disturbed:
             loss = self.loss(moved(step))
             return np.inf if loss is None else loss
 
-        first = [1.0, TURN] if isinstance(hit, TouchedWall) else [1.0, 1.0, LARGER]
+        first = [NORMAL, TURN] if isinstance(hit, TouchedWall) else [1.0, 1.0, LARGER]
         simplex = np.vstack([np.zeros(len(first)), np.diag(first)])
         options = {
             "initial_simplex": simplex, "maxfev": EVALUATIONS, "fatol": ALIKE, "xatol": np.inf
@@ -188,8 +192,10 @@ def _contacts(
     hit = _Disturbed(consensus.model, tuple(drafts[k] for k in disturbed), scale, given)
     there = replace(consensus, residuals=tuple(consensus.residuals[k] for k in disturbed))
     most = HELPS * robust_fit.loss(there, scale)
+    kinds = (_best_pegs(hit, view), _best_walls(hit, view))
+    most = min(most, HOPELESS * min((loss for kind in kinds for loss, _ in kind), default=0.0))
     fits: list[tuple[float, Start]] = []
-    for kind in (_best_pegs(hit, view), _best_walls(hit, view)):
+    for kind in kinds:
         found = Threads().map(hit.fitted, [h for loss, h in kind if loss <= most])
         fits += sorted((f for f in found if f is not None), key=lambda f: f[0])[:BEGUN]
     least = min((squares for squares, _ in fits), default=0.0)
@@ -212,8 +218,18 @@ def _best_pegs(hit: _Disturbed, view: Sight) -> list[tuple[float, Hit]]:
 
 
 def _best_walls(hit: _Disturbed, view: Sight) -> list[tuple[float, Hit]]:
-    """The wall that leaves least; its place and direction are one valley."""
-    return sorted(hit.losses(walls(view)), key=lambda t: t[0])[:1]
+    """The walls that leave least, of different directions."""
+    best = _first_of_each(hit.losses(walls(view)))
+    near = [w for _, wall in best if isinstance(wall, TouchedWall) for w in beside(view, wall)]
+    return _first_of_each([*best, *hit.losses(near)])
+
+
+def _first_of_each(tried: Sequence[tuple[float, Hit]]) -> list[tuple[float, Hit]]:
+    """The walls that leave least, of different directions."""
+    best: dict[float, tuple[float, Hit]] = {}
+    for loss, wall in sorted(tried, key=lambda t: t[0]):
+        best.setdefault(wall[2], (loss, wall))
+    return list(best.values())[:FITTED]
 
 
 def plausible_pegs(view: Sight) -> list[Start]:

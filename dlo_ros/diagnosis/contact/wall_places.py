@@ -1,29 +1,31 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Straight walls that the DLO may have hit: beside all observed shapes, in the predicted ones' way.
 
-No shape lies behind a wall, so that for each direction there is one place for it, up to the way
-that the DLO may have gone between two pictures: where the observed shapes reach furthest (the
-support function of their convex hull).
+No shape lies behind a wall: for each direction it is no nearer than the observed shapes reach (the
+support function of their convex hull). No picture need show a DLO that bounces at the wall: it may
+lie up to the way between two pictures behind that, but the predicted shapes must meet it before
+they begin to be wrong.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from dlo_ros.diagnosis.contact.peg_places import Sight
+from dlo_ros.diagnosis.contact.peg_places import SLACK, Sight
 from dlo_ros.effects import Start
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.spline import FloatArray
 
-DIRECTIONS = 36
-"""Directions of the normal that are looked at: what a wall does changes little within 10 degrees
-about the point that the DLO touches."""
-BETWEEN = (0.0, 0.5)
-"""Shares of the largest motion between two pictures by which a wall may lie behind all shapes: a
-DLO that bounces is seen before and after the impact."""
+DIRECTIONS = 24
+"""Directions of the normal that are looked at: within 15 degrees about the point that the DLO
+touches, walls do alike."""
+SPACING, MOST = 2e-3, 10
+"""Distance over the length of the walls of one direction, and their largest number: what a DLO does
+after an impact depends on millimetres."""
+TURNS = tuple(np.radians(2.0 * k) for k in range(-6, 7))
+"""Angles between a wall and those beside it [rad]."""
 BEHIND = 0.01
 """Share of the pictures that may lie behind a wall: single ones are grossly wrong."""
 
@@ -50,27 +52,49 @@ def walls(view: Sight) -> list[TouchedWall]:
     """Walls that no shape reaches behind but those that are predicted."""
     found: list[TouchedWall] = []
     for angle in np.linspace(-np.pi, np.pi, DIRECTIONS, endpoint=False):
+        touched = tangent(view, float(angle))
         normal = np.array([np.sin(angle), np.cos(angle)])
-        seen = [s @ normal for s in view.seen]  # (F, STATIONS) each
-        nearest = np.concatenate([s.min(axis=1) for s in seen])
-        rank = int(np.argsort(nearest)[int(BEHIND * len(nearest))])
-        point = np.concatenate(view.seen)[rank, np.argmin(np.concatenate(seen)[rank])]
-        edge = float(nearest[rank])
-        room = edge - min(float((e @ normal).min()) for e in view.expected)
-        apart = min(room, _between(seen))
-        found += [
-            TouchedWall(float(point[0]), float(point[1]), float(angle)).moved(-share * apart, 0.0)
-            for share in BETWEEN
-            if room > 0.0
-        ]
+        edge = float(normal @ touched[:2])
+        room = edge - _farthest(view, normal, edge)
+        if room > -SLACK:
+            count = int(np.clip((room + SLACK) / (SPACING * view.rod.length), 2, MOST))
+            moves = (0.0, *np.linspace(SLACK, -room, count).tolist())
+            found += [touched.moved(x, 0.0) for x in moves]
     return found
 
 
-def _between(seen: Sequence[FloatArray]) -> float:
-    """Largest motion between two pictures of what comes nearest to a wall [m].
+def beside(view: Sight, wall: TouchedWall) -> list[TouchedWall]:
+    """Walls of similar directions: through the same point, and where the observed shapes end.
+
+    A table that several pictures touch has one direction, which 2 degrees matter to.
+    """
+    return [
+        w for turn in TURNS
+        for w in (wall.moved(0.0, turn), tangent(view, wall.angle + turn))
+    ]  # fmt: skip
+
+
+def tangent(view: Sight, angle: float) -> TouchedWall:
+    """The wall of one direction [rad] at which the observed shapes end."""
+    points = np.concatenate(view.seen)  # (F, STATIONS, 2)
+    coordinates = points @ np.array([np.sin(angle), np.cos(angle)])
+    nearest = coordinates.min(axis=1)
+    picture = int(np.argsort(nearest)[int(BEHIND * len(nearest))])
+    x, z = points[picture, np.argmin(coordinates[picture])].tolist()
+    return TouchedWall(x, z, angle)
+
+
+def _farthest(view: Sight, normal: FloatArray, edge: float) -> float:
+    """Smallest coordinate along its normal that a wall may have [m].
 
     Args:
-        seen: coordinates along the wall's normal, shape (F, STATIONS) for each recording.
+        edge: coordinate that the observed shapes reach [m].
     """
-    moves = [np.abs(np.diff(s.min(axis=1))) for s in seen if len(s) > 1]
-    return float(np.concatenate(moves).max()) if moves else 0.0
+    result = -np.inf
+    for seen, expected, wrong in zip(view.seen, view.expected, view.wrong, strict=True):
+        if not wrong.any():
+            continue
+        moves = np.abs(np.diff((seen @ normal).min(axis=1)))
+        met = float((expected[: int(np.argmax(wrong)) + 1] @ normal).min())
+        result = max(result, met, edge - float(moves.max(initial=0.0)))
+    return result
