@@ -72,7 +72,7 @@ CASES = [
      {"clamp_slip": {"length": 0.01, "onset": 0.0231, "duration": 0.3}}, SMOOTH),
     ("effects.quadratic_drag.coefficient", {"quadratic_drag": {"coefficient": 0.0}}, SMOOTH),
     ("effects.quadratic_drag.coefficient", {"quadratic_drag": {"coefficient": 0.3}}, SMOOTH),
-    ("effects.wall.offset", {"wall": {"offset": -0.05}}, KINKED),
+    ("effects.wall.offset", {"wall": {"offset": -0.1}}, KINKED),
     ("effects.length_error.difference", {"length_error": {"difference": 0.01}}, SMOOTH),
     ("effects.camera_scale.ratio", {"camera_scale": {"ratio": 1.01}}, SMOOTH),
     ("effects.camera_rotation.angle", {"camera_rotation": {"angle": 0.02}}, SMOOTH),
@@ -255,7 +255,7 @@ def test_derivatives_of_the_first_shape(same_steps, name, effects, start, space)
 @pytest.mark.parametrize(
     ("body", "place", "axis"),
     [
-        ({"wall": {"offset": -0.05, "angle": 0.0}}, "effects.wall.offset", "z"),
+        ({"wall": {"offset": -0.1, "angle": 0.0}}, "effects.wall.offset", "z"),
         ({"obstacle": {"x": 0.15, "z": -0.11, "radius": 0.02}}, "effects.obstacle.z", "z"),
         ({"obstacle": {"x": 0.15, "z": -0.11, "radius": 0.02}}, "effects.obstacle.x", "x"),
     ],
