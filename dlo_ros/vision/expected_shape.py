@@ -6,10 +6,38 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.errors import InputError, VisionError
-from dlo_ros.spline import ORDER, FloatArray
+from dlo_ros.spline import ORDER, FloatArray, SplineBasis
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.fit.planar_clamps import EndPoses
 from dlo_ros.vision.planar_result import LastShape
+
+FRESH = 500_000_000  # [ns] an older shape predicts nothing
+EXPECTED_POINTS = 400  # of an expected shape: a point every few pixels of a DLO
+
+
+def expected_shapes(
+    stamp: int,
+    seen_last: tuple[LastShape, FloatArray | None] | None,
+    predicted: FloatArray | None,
+    length: float,
+    ends: EndPoses,
+) -> list[FloatArray]:
+    """Shapes that the DLO may have, from start to end, points (x, z) [m], each of shape (P, 2).
+
+    Args:
+        stamp: stamp of the image [ns].
+        seen_last: the last shape that was seen, and its velocity where that is known [m/s].
+        predicted: control points that are expected at the stamp, shape (n, 3) or (n, 4).
+        length: length of the DLO, L [m].
+        ends: the clamps at that stamp.
+    """
+    shapes = []
+    if seen_last is not None and 0 <= stamp - seen_last[0].stamp <= FRESH:
+        shapes.append(expected_shape(stamp, *seen_last, ends))
+    if predicted is not None:
+        u = np.linspace(0.0, length, EXPECTED_POINTS)
+        shapes.append(SplineBasis(len(predicted), length).evaluate(predicted, u)[:, [0, 2]])
+    return shapes
 
 
 def expected_shape(

@@ -5,9 +5,9 @@ A frame is first searched where the last shape predicts the DLO. Where that fail
 the whole image is searched. A frame without a credible DLO raises a VisionError that says why: a
 wrong shape would be worse than none.
 
-Where several courses are equally plausible, shapes that are expected choose between them: the one
-that continues the last picture's and the predicted one. Nothing else follows from them, so that a
-wrong prediction changes nothing.
+Where the picture shows several courses, how evenly they bend and how long they are may decide; else
+shapes that are expected do: the one that continues the last picture's and the predicted one.
+Nothing else follows from them, so that a wrong prediction changes nothing.
 
 Without a command the start is the end that lies further left on the board (smaller x; the lower one
 where x agrees to a diameter). Once found, the ends keep their names as long as the DLO is tracked.
@@ -26,15 +26,24 @@ from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.expected_shape import (
+    FRESH,
     check_prediction,
     expected_shape,
+    expected_shapes,
     expected_width,
     resample_count,
     traced_backwards,
 )
+from dlo_ros.vision.fit.course_evidence import evidence
 from dlo_ros.vision.fit.material_coordinates import find_ends
 from dlo_ros.vision.fit.planar_clamps import EndPoses, clamps_in, ends_at
-from dlo_ros.vision.fit.planar_credibility import LEAST_SEEN, check, check_change, unusable
+from dlo_ros.vision.fit.planar_credibility import (
+    LEAST_SEEN,
+    IncompleteError,
+    check,
+    check_change,
+    unusable,
+)
 from dlo_ros.vision.fit.spline_fit import SplineFit, fit_spline
 from dlo_ros.vision.planar_result import LastShape, RoughDetection, VisionResult
 from dlo_ros.vision.segmentation.camera_image import image_of
@@ -44,7 +53,7 @@ from dlo_ros.vision.segmentation.ridge_map import Image, map_ridges
 from dlo_ros.vision.segmentation.user_hints import Hints, limited
 from dlo_ros.vision.tracing.abandoned_strand import abandons_strand
 from dlo_ros.vision.tracing.centring import centred
-from dlo_ros.vision.tracing.chain_ordering import Path, PathSearch, alike
+from dlo_ros.vision.tracing.chain_ordering import AMBIGUITY, Path, PathSearch, alike
 from dlo_ros.vision.tracing.course_choice import AmbiguousError, choose, on_two_strands
 from dlo_ros.vision.tracing.free_ends import prolong
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
@@ -58,9 +67,7 @@ LOG = logging.getLogger(__name__)
 TONES_EVERY = 5  # images without a DLO between two that are searched for ropes of several colours
 MOST_PROLONGED = 3  # times that a free end is looked for beyond where it was found
 TRACKING_SEARCH = (2.0, 5.0)  # [widths] to each side, second attempt where the first fails
-FRESH = 500_000_000  # [ns] an older shape predicts nothing
 MOST_COURSES = 8  # equally plausible ones that are measured
-EXPECTED_POINTS = 400  # of an expected shape: a point every few pixels of a DLO
 
 
 class Observer:
@@ -148,7 +155,9 @@ class Observer:
                     LOG.debug("not tracked within %g widths: %s", search, err)
         self._lose()
         try:
-            expected = self._expected(stamp, ends, predicted)
+            shapes = expected_shapes(stamp, self._seen_last, predicted, self.basis.length, ends)
+            pixels = [self._project(shape) for shape in shapes]
+            expected = [shape for shape in pixels if np.all(np.isfinite(shape))]
             return self._acquire(stamp, image, ends, last, expected)
         except np.linalg.LinAlgError as err:
             self._lose()
@@ -159,22 +168,6 @@ class Observer:
             if fault:
                 raise VisionError(f"{fault} ({err})") from err
             raise
-
-    def _expected(
-        self, stamp: int, ends: EndPoses, predicted: FloatArray | None
-    ) -> list[FloatArray]:
-        """Shapes that the DLO may have, from start to end [px], each of shape (m, 2)."""
-        shapes = []
-        if self._seen_last is not None:
-            last, velocity = self._seen_last
-            if 0 <= stamp - last.stamp <= FRESH:
-                shapes.append(expected_shape(stamp, last, velocity, ends))
-        if predicted is not None:
-            basis = SplineBasis(len(predicted), self.basis.length)
-            u = np.linspace(0.0, basis.length, EXPECTED_POINTS)
-            shapes.append(basis.evaluate(predicted, u)[:, [0, 2]])
-        pixels = [self._project(shape) for shape in shapes]
-        return [shape for shape in pixels if np.all(np.isfinite(shape))]
 
     def _project(self, plane: FloatArray) -> FloatArray:
         """Pixels, shape (m, 2), of points (x, z) of the board [m]."""
@@ -232,7 +225,8 @@ class Observer:
         plane = PlaneGrid.of_board(self.camera, bars)
         search = PathSearch(chains, bars, self.basis.length, plane, start, end)
         free = (ends.start is None, ends.end is None)
-        measured, refused = [], None
+        measured: list[tuple[float, float, VisionResult, LastShape | None]] = []
+        refused, rival = None, -np.inf
         paths = search.candidates(MOST_COURSES)
         for path in paths:
             self._lose()
@@ -246,15 +240,21 @@ class Observer:
                 if abandons_strand(result.pixels, seen, strands, result.width, free):
                     raise VisionError("what looks like the DLO turns off a strand that goes on")
             except (VisionError, np.linalg.LinAlgError) as err:
+                if isinstance(err, IncompleteError) and self._found is not None:
+                    rival = max(rival, evidence(self._found[0], self.settings.rod))
                 refused = refused or err
                 continue
-            measured.append((result, self._last))
-        if refused is not None and not measured:
-            if len(paths) > 1:
-                raise AmbiguousError(str(refused)) from refused
-            raise refused
-        courses = [result.pixels for result, _ in measured]
-        result, self._last = measured[choose(courses, expected, width, either_way=all(free))]
+            assert self._found is not None
+            likely = evidence(self._found[0], self.settings.rod)
+            measured.append((path.cost, likely, result, self._last))
+        near = paths[0].cost + AMBIGUITY  # a dearer course may outdo those, not stand in for them
+        if refused is not None and not any(cost < near for cost, *_ in measured):
+            several = len(paths) > 1 and paths[1].cost < near
+            raise AmbiguousError(str(refused)) if several else refused
+        courses = [result.pixels for _, _, result, _ in measured]
+        likelihoods = [likely for _, likely, _, _ in measured]
+        chosen = choose(courses, likelihoods, expected, width, rival, either_way=all(free))
+        _, _, result, self._last = measured[chosen]
         return result
 
     def _follow(

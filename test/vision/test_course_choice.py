@@ -3,8 +3,12 @@
 
 import numpy as np
 import pytest
+from vision_stress import judge
 
-from dlo_ros.vision.tracing.course_choice import AmbiguousError, choose, on_two_strands
+from dlo_ros.vision.fit.course_evidence import bending_evidence
+from dlo_ros.vision.fit.material_coordinates import length_log_likelihood
+from dlo_ros.vision.tracing import course_choice
+from dlo_ros.vision.tracing.course_choice import DECISIVE, AmbiguousError, on_two_strands
 
 WIDTH = 10.0
 LINE = np.column_stack([np.linspace(0.0, 400.0, 201), np.zeros(201)])
@@ -14,6 +18,14 @@ def beside(offset, first=60, last=140):
     """The line with a part of it that runs beside, shape (201, 2)."""
     rise = np.interp(np.arange(201), [first - 20, first, last, last + 20], [0.0, 1.0, 1.0, 0.0])
     return LINE + np.column_stack([np.zeros(201), offset * rise])
+
+
+def choose(courses, expected, width, *, either_way, evidence=None):
+    """The choice among courses of equal evidence, unless it is given."""
+    alike = np.zeros(len(courses))
+    return course_choice.choose(
+        courses, alike if evidence is None else evidence, expected, width, either_way=either_way
+    )
 
 
 def test_courses_that_were_measured_alike_are_one():
@@ -52,3 +64,40 @@ def test_two_strands_are_further_apart_than_a_width_for_longer_than_one():
     assert not on_two_strands(beside(15.0), seen, LINE, hidden, WIDTH)
     # What lies ahead of the other's end is no other strand.
     assert not on_two_strands(LINE, seen, LINE[:120], seen[:120], WIDTH)
+
+
+def test_evidence_decides_where_it_is_decisive():
+    courses = [beside(30.0), LINE]
+    clear = [0.0, DECISIVE + 0.1]
+    for expected in ([], [courses[0]]):  # an expected shape brings no course back
+        assert choose(courses, expected, WIDTH, either_way=True, evidence=clear) == 1
+    with pytest.raises(AmbiguousError):
+        choose(courses, [], WIDTH, either_way=True, evidence=[0.0, DECISIVE - 0.1])
+
+
+def test_a_course_that_bends_to_and_fro_has_less_evidence():
+    x = np.linspace(0.0, 1000.0, 1001)
+    arc = np.column_stack([x, 5e-4 * (x - 500.0) ** 2])
+    aside = arc + np.column_stack([0.0 * x, 30.0 * np.exp(-(((x - 500.0) / 50.0) ** 2))])
+    assert bending_evidence(arc, WIDTH) > bending_evidence(aside, WIDTH) + DECISIVE
+    # The same for another unit, and either way along the course.
+    assert bending_evidence(0.1 * aside, 0.1 * WIDTH) == pytest.approx(
+        bending_evidence(aside, WIDTH)
+    )
+    assert bending_evidence(aside[::-1], WIDTH) == pytest.approx(bending_evidence(aside, WIDTH))
+    # What is smaller than errors of the measurement is no evidence.
+    wavy = arc + np.column_stack([0.0 * x, 0.02 * np.sin(x / 20.0)])
+    assert bending_evidence(wavy, WIDTH) == pytest.approx(bending_evidence(arc, WIDTH), abs=0.5)
+
+
+def test_a_wrong_length_is_evidence_but_no_proof():
+    right, wrong = length_log_likelihood(np.array([0.4, 0.42]), 0.4, 0.0)
+    assert 4.0 < right - wrong < 2.0 * DECISIVE
+    known_less_well = length_log_likelihood(np.array([0.4, 0.42]), 0.4, 0.02)
+    assert known_less_well[0] - known_less_well[1] < 1.0
+
+
+@pytest.mark.parametrize("seed", [502381, 502677, 501533, 500629])
+def test_the_picture_decides_between_the_dlo_and_a_strand_beside_it(seed):
+    # Ropes of one colour that meet at a small angle, or lie beside one another for some widths.
+    assert judge(seed, ends="start").found == "right"

@@ -117,17 +117,12 @@ def locate_ends(
         width: width of the DLO [m].
     """
     count = len(arc)
-    spread = np.hypot(LENGTH_STD * length, length_std)
-    rough = np.hypot(ROUGH_LENGTH_STD * length, length_std)
     held = (np.array([0.0]), np.array([count - 1.0]))
     at = [held[k] if tip is None else tip.at for k, tip in enumerate(tips)]
     odds = [np.zeros(1) if tip is None else tip.likelihood for tip in tips]
     s = [_arc_at(arc, a) for a in at]
-    missing = (s[1][None, :] - s[0][:, None]) - length
-    prior = np.logaddexp(
-        np.log(1.0 - ROUGH_SHARE) - np.log(spread) - 0.5 * (missing / spread) ** 2,
-        np.log(ROUGH_SHARE) - np.log(rough) - 0.5 * (missing / rough) ** 2,
-    )
+    seen = s[1][None, :] - s[0][:, None]
+    prior = length_log_likelihood(seen, length, length_std)
     posterior = odds[0][:, None] + odds[1][None, :] + prior
     weight = np.exp(posterior - posterior.max())
     weight /= weight.sum()
@@ -145,6 +140,22 @@ def locate_ends(
             covariance[k, k] += (TIP_STD * width) ** 2
     places = np.array([float(p @ x) for p, x in zip(each, at, strict=True)])
     return Ends(places, covariance)
+
+
+def length_log_likelihood(seen: FloatArray | float, length: float, length_std: float) -> FloatArray:
+    """Log likelihood of the length of a DLO in a picture, up to a constant.
+
+    Args:
+        seen: length from end to end in the picture [m], any shape.
+        length: L [m].
+        length_std: standard deviation of L [m]; 0: not known.
+    """
+    missing = np.asarray(seen) - length
+    spread = np.hypot(LENGTH_STD * length, length_std)
+    rough = np.hypot(ROUGH_LENGTH_STD * length, length_std)
+    usual = np.log(1.0 - ROUGH_SHARE) - np.log(spread) - 0.5 * (missing / spread) ** 2
+    slipped = np.log(ROUGH_SHARE) - np.log(rough) - 0.5 * (missing / rough) ** 2
+    return np.asarray(np.logaddexp(usual, slipped))
 
 
 def _arc_at(arc: FloatArray, at: FloatArray) -> FloatArray:

@@ -36,6 +36,10 @@ EDGES = 99.8  # [%] what is meant by the sharpest edges of a picture
 LOOKED_AT = 100  # rows of a picture that are looked at
 
 
+class IncompleteError(VisionError):
+    """What was seen may be the DLO, but it is not the whole DLO."""
+
+
 def check(
     fit: SplineFit, located: Located, ends: EndPoses, camera: Camera, length: float, diameter: float
 ) -> None:
@@ -50,7 +54,7 @@ def check(
         diameter: diameter of the DLO [m].
 
     Raises:
-        VisionError: with the reason.
+        VisionError: with the reason; `IncompleteError` where it may be a part of the DLO.
     """
     faint = located.contrast < FAINT
     if fit.width > diameter * (WIDEST_FAINT if faint else WIDEST):
@@ -59,7 +63,7 @@ def check(
             f"{1000 * diameter:.3g} mm; its shadow may have been taken for it"
         )
     if fit.fraction_seen < LEAST_SEEN:
-        raise VisionError(
+        raise IncompleteError(
             f"only {100 * fit.fraction_seen:.0f} % of the DLO is visible, at least "
             f"{100 * LEAST_SEEN:.0f} % are needed"
         )
@@ -69,11 +73,11 @@ def check(
             x, z = fit.curve[at]
             pixel = camera.project(np.array([[x, 0.0, z]]))[0]
             if np.min(np.minimum(pixel, edge - pixel)) < 0.5 * located.width:
-                raise VisionError("what looks like the DLO runs out of the picture")
+                raise IncompleteError("what looks like the DLO runs out of the picture")
     held = (ends.start is not None) + (ends.end is not None)
     short, long = LENGTH_LIMITS[held]
     if not 1.0 - short < fit.visible_length / length < 1.0 + long:
-        raise VisionError(
+        raise IncompleteError(
             f"what looks like the DLO is {fit.visible_length:.3g} m long, rod.length is "
             f"{length:.3g} m"
         )

@@ -23,8 +23,9 @@ from dlo_ros.errors import InputError, VisionError
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.vision.camera.pinhole import Camera
+from dlo_ros.vision.expected_shape import FRESH
 from dlo_ros.vision.fit.spline_fit import KNOT_SPAN
-from dlo_ros.vision.planar_observer import FRESH, TRACKING_SEARCH
+from dlo_ros.vision.planar_observer import TRACKING_SEARCH
 from dlo_ros.vision.planar_result import VisionResult
 from dlo_ros.vision.segmentation.camera_image import image_of
 from dlo_ros.vision.segmentation.ridge_map import Image

@@ -35,10 +35,11 @@ MOST_EXPANSIONS = 1500
 SAME_LENGTH = 0.02  # of the length: paths to one chain that differ by less are not kept apart
 MOST_LINKS = 8  # tried from each end
 DIFFERENT = 4.0  # [widths] two paths that are nowhere further apart are one, if on one strand
-ARRIVALS = 2  # paths of one length to one chain that are followed: a strand may lie beside another
+ARRIVALS = 4  # courses of one length to one chain that are followed: strands may lie side by side
 COST_LIMIT = 9.0  # of a whole course without what is unseen of it, and more the longer it is
 COST_LIMIT_PER_WIDTH = 0.02
 AMBIGUITY = 2.0  # a second path that is dearer by less makes the first doubtful
+MEASURED = 4.0  # one that is dearer by less is measured, too, as long as there are not too many
 
 MANY_COURSES = "many courses of the DLO are equally plausible (an ambiguous crossing or gap)"
 
@@ -97,6 +98,13 @@ class _Partial:
     unseen: float  # share of the cost
     length: float
     chains: tuple[int, ...]  # chain * 2 + (1 where it is run through backwards)
+
+
+def _same_course(one: _Partial, other: _Partial) -> bool:
+    """Whether two paths differ in nothing but chains that one of them leaves out."""
+    short, long = sorted((one.chains, other.chains), key=len)
+    rest = iter(long)
+    return all(state in rest for state in short)
 
 
 def alike(chain: Chain, path: Path) -> bool:
@@ -161,18 +169,19 @@ class PathSearch:
             heapq.heappush(heap, (first.cost, len(heap), first))
         counter = len(heap)
         complete: list[tuple[float, _Partial]] = []
-        visited: dict[int, list[float]] = {}
+        visited: dict[int, list[_Partial]] = {}
         longest, least = 0.0, np.inf
         expansions = 0
         while heap and expansions < MOST_EXPANSIONS:
             cost, _, partial = heapq.heappop(heap)
-            if cost > least + 2 * AMBIGUITY:
+            if cost > least + MEASURED:
                 break
             visits = visited.setdefault(partial.chains[-1], [])
-            alike = [abs(partial.length - other) < SAME_LENGTH * self.length for other in visits]
-            if sum(alike) >= ARRIVALS:
+            limit = SAME_LENGTH * self.length
+            alike = [other for other in visits if abs(partial.length - other.length) < limit]
+            if len(alike) >= ARRIVALS or any(_same_course(partial, other) for other in alike):
                 continue  # cheaper paths came here
-            visits.append(partial.length)
+            visits.append(partial)
             expansions += 1
             longest = max(longest, partial.length)
             closing, rest, unseen = self._close(partial.chains[-1])
@@ -210,7 +219,9 @@ class PathSearch:
             raise VisionError("the only course of the right length bends and jumps too much")
         kept = [best]
         for cost, partial in complete[1:]:
-            if cost - best[0] < AMBIGUITY and all(self._differ(p, partial) for _, p in kept):
+            if cost - best[0] > MEASURED or (len(kept) == most and cost - best[0] > AMBIGUITY):
+                break
+            if all(self._differ(p, partial) for _, p in kept):
                 kept.append((cost, partial))
                 if len(kept) > most:
                     raise VisionError(MANY_COURSES)

@@ -1,12 +1,14 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The choice of the DLO among several courses that are all plausible.
 
-Each was measured in the picture before, and those that the picture refutes are left out. Shapes
-that are expected may choose between courses that remain, and do nothing else.
+Each was measured in the picture before, and those that the picture refutes are left out, as are
+those for which it shows far less evidence than for another. Shapes that are expected may choose
+between courses that remain, and do nothing else.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,6 +21,9 @@ from dlo_ros.vision.segmentation.picture_strip import Mask
 ONE_COURSE = 1.0  # [widths] measured courses that are nowhere further apart are one
 FITS = 4.0  # [widths] a course that is further from an expected shape is not the expected one
 NEARER = 0.5  # of the distance of another course that fits: an expected shape chooses between both
+DECISIVE = math.log(200.0)
+"""Log of the odds at which one course rules another out: of pictures with two courses at most 0.5 %
+may be decided wrongly."""
 STRANDS = 1.0  # [widths] that a DLO's ridges are never apart, so that courses are two strands
 
 TWO_COURSES = "two courses of the DLO are equally plausible (an ambiguous crossing or gap)"
@@ -30,25 +35,36 @@ class AmbiguousError(VisionError):
 
 def choose(
     courses: Sequence[FloatArray],
+    evidence: Sequence[float],
     expected: Sequence[FloatArray],
     width: float,
+    rival: float = -math.inf,
     *,
     either_way: bool,
 ) -> int:
     """Index of the course that is the DLO.
 
     Args:
-        courses: courses, at least one, the most plausible first [px], shapes (m, 2).
+        courses: courses, at least one [px], shapes (m, 2).
+        evidence: log likelihood of each, up to one constant.
         expected: shapes that the DLO may have, from the start to the end [px], shapes (m, 2).
         width: width of the DLO [px].
+        rival: log likelihood of the likeliest course that may be the DLO, too, but of which only a
+            part was seen, up to the same constant.
         either_way: whether the same course backwards is the same course.
 
     Raises:
-        AmbiguousError: several courses, of which the expected shapes do not single out one.
+        AmbiguousError: the rival is likelier than all courses, or several courses, of which the
+            expected shapes do not single out one.
     """
     kept: list[int] = []
-    for k, course in enumerate(courses):
-        others = [distance(course, courses[j], either_way=either_way) for j in kept]
+    order = sorted(range(len(courses)), key=lambda k: -evidence[k])
+    if rival > evidence[order[0]]:
+        raise AmbiguousError(TWO_COURSES)
+    for k in order:
+        if evidence[k] < evidence[order[0]] - DECISIVE:
+            break
+        others = [distance(courses[k], courses[j], either_way=either_way) for j in kept]
         if min(others, default=np.inf) > ONE_COURSE * width:
             kept.append(k)
     if len(kept) == 1:
