@@ -39,6 +39,7 @@ from dlo_ros.vision.space.spatial_clamps import Clamps, clamps_at
 from dlo_ros.vision.space.spatial_credibility import check, near, seen_by
 from dlo_ros.vision.space.spatial_result import SpaceFit, SpaceResult
 from dlo_ros.vision.space.view import View, view_of
+from dlo_ros.vision.tracing.occlusion_bridges import check_bridges
 
 LOG = logging.getLogger(__name__)
 
@@ -361,6 +362,7 @@ class SpaceObserver:
             camera, located = self.cameras[name], one.located
             pixels = camera.project(curve)
             own = near(self._dense, fit.u[k][fit.weights[k] > 0.0], self._fine.length)
+            check_bridges(images[name], pixels, own, located.width)
             inner = np.abs(fit.residuals[k]) < located.width
             residual = float(np.sqrt(np.mean(fit.residuals[k][inner] ** 2)))
             shown[name] = VisionResult(
