@@ -34,11 +34,12 @@ from dlo_ros.vision.expected_shape import (
     resample_count,
     traced_backwards,
 )
-from dlo_ros.vision.fit.course_evidence import evidence
+from dlo_ros.vision.fit.course_evidence import chance_length, evidence
 from dlo_ros.vision.fit.material_coordinates import find_ends
 from dlo_ros.vision.fit.planar_clamps import EndPoses, clamps_in, ends_at
 from dlo_ros.vision.fit.planar_credibility import (
     LEAST_SEEN,
+    LENGTH_LIMITS,
     IncompleteError,
     check,
     check_change,
@@ -54,7 +55,12 @@ from dlo_ros.vision.segmentation.user_hints import Hints, limited
 from dlo_ros.vision.tracing.abandoned_strand import abandons_strand
 from dlo_ros.vision.tracing.centring import centred
 from dlo_ros.vision.tracing.chain_ordering import AMBIGUITY, Path, PathSearch, alike
-from dlo_ros.vision.tracing.course_choice import AmbiguousError, choose, on_two_strands
+from dlo_ros.vision.tracing.course_choice import (
+    TWO_COURSES,
+    AmbiguousError,
+    choose,
+    on_two_strands,
+)
 from dlo_ros.vision.tracing.free_ends import prolong
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.occlusion_bridges import check_bridges
@@ -225,8 +231,8 @@ class Observer:
         plane = PlaneGrid.of_board(self.camera, bars)
         search = PathSearch(chains, bars, self.basis.length, plane, start, end)
         free = (ends.start is None, ends.end is None)
-        measured: list[tuple[float, float, VisionResult, LastShape | None]] = []
-        refused, rival = None, -np.inf
+        measured: list[tuple[float, SplineFit, VisionResult, LastShape | None]] = []
+        refused, rival, rod = None, -np.inf, self.settings.rod
         paths = search.candidates(MOST_COURSES)
         for path in paths:
             self._lose()
@@ -241,20 +247,22 @@ class Observer:
                     raise VisionError("what looks like the DLO turns off a strand that goes on")
             except (VisionError, np.linalg.LinAlgError) as err:
                 if isinstance(err, IncompleteError) and self._found is not None:
-                    rival = max(rival, evidence(self._found[0], self.settings.rod))
+                    rival = max(rival, evidence(self._found[0], rod))
                 refused = refused or err
                 continue
             assert self._found is not None
-            likely = evidence(self._found[0], self.settings.rod)
-            measured.append((path.cost, likely, result, self._last))
+            measured.append((path.cost, self._found[0], result, self._last))
         near = paths[0].cost + AMBIGUITY  # a dearer course may outdo those, not stand in for them
         if refused is not None and not any(cost < near for cost, *_ in measured):
             several = len(paths) > 1 and paths[1].cost < near
             raise AmbiguousError(str(refused)) if several else refused
         courses = [result.pixels for _, _, result, _ in measured]
-        likelihoods = [likely for _, likely, _, _ in measured]
+        likelihoods = [evidence(fit, rod) for _, fit, _, _ in measured]
         chosen = choose(courses, likelihoods, expected, width, rival, either_way=all(free))
-        _, _, result, self._last = measured[chosen]
+        _, fit, result, self._last = measured[chosen]
+        limits = LENGTH_LIMITS[2 - sum(free)]
+        if len(paths) > 1 and chance_length(fit.seen_length, limits, rod.length, rod.length_std):
+            raise AmbiguousError(TWO_COURSES)
         return result
 
     def _follow(

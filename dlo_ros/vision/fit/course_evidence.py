@@ -34,6 +34,23 @@ def evidence(fit: SplineFit, rod: RodParameters) -> float:
     return bending_evidence(fit.curve, fit.width) + float(length)
 
 
+def chance_length(
+    seen: float, limits: tuple[float, float], length: float, length_std: float
+) -> bool:
+    """Whether a course that is not the DLO is likelier to have a length than the DLO.
+
+    A course of pieces of several strands may have any length within the limits.
+
+    Args:
+        seen: length of the course [m].
+        limits: shares of L by which it may be too short or too long.
+        length: L [m].
+        length_std: standard deviation of L [m]; 0: not known.
+    """
+    chance = -math.log(sum(limits) * length)
+    return float(length_log_likelihood(seen, length, length_std)) < chance
+
+
 def bending_evidence(course: FloatArray, width: float) -> float:
     """Log likelihood of a course's changes of curvature, up to a constant.
 
@@ -43,14 +60,21 @@ def bending_evidence(course: FloatArray, width: float) -> float:
     of -n / 2.
 
     Args:
-        course: the measured course, bridged where nothing was seen, shape (m, 2).
+        course: the measured course, bridged where nothing was seen, shape (m, 2), or in space
+            (m, 3).
         width: width of the DLO, in the unit of the points.
     """
     line = resample(course, width / STEPS)
     if len(line) < 2 * STEPS:
         return 0.0
-    x, z = np.gradient(line, axis=0).T
-    heading = np.unwrap(np.arctan2(z, x))
-    change = np.gradient(np.gradient(heading)) * STEPS**2
-    square = float(np.mean(change**2)) + LEAST_CHANGE**2
+    tangent = _unit(np.gradient(line, axis=0))
+    curvature = np.gradient(tangent, axis=0) * STEPS
+    change = np.gradient(curvature, axis=0) * STEPS
+    change -= np.sum(change * tangent, axis=1, keepdims=True) * tangent
+    square = float(np.mean(np.sum(change**2, axis=1))) + LEAST_CHANGE**2
     return -0.5 * len(line) / (BEND * STEPS) * math.log(square)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    size = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.maximum(size, 1e-12))

@@ -23,14 +23,14 @@ def spacing_for(width: float) -> float:
 
 
 def resample(points: FloatArray, spacing: float) -> FloatArray:
-    """Equally spaced points along a polyline, both ends kept, shape (m, 2)."""
-    steps = np.hypot(*np.diff(points, axis=0).T)
+    """Equally spaced points along a polyline, both ends kept, shape (m, d)."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     keep = np.concatenate([[True], steps > 1e-9])
     points = points[keep]
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    s = np.concatenate([[0.0], np.cumsum(steps[keep[1:]])])
     count = max(4, round(float(s[-1]) / spacing) + 1)
     at = np.linspace(0.0, s[-1], count)
-    return np.column_stack([np.interp(at, s, points[:, 0]), np.interp(at, s, points[:, 1])])
+    return np.column_stack([np.interp(at, s, column) for column in points.T])
 
 
 def smooth_curve(points: FloatArray, sigma: float) -> FloatArray:

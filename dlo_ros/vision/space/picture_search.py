@@ -38,7 +38,7 @@ from dlo_ros.vision.tracing.ridge_tracing import find_chains
 RULE = LengthRule(0.25, 1.3, np.inf, "px")
 """Shares of the length, in pixels at the distance of the clamps, that a course may have: a DLO that
 runs towards the camera looks short."""
-MOST_COURSES = 3  # that are looked at in one picture
+MOST_COURSES = 5  # that are looked at in one picture
 SAME_CONTRAST = (0.6, 1.7)  # times that of the last picture
 FARTHEST_PIXEL = 40.0  # [px] a point further from the rough shape costs no more
 LEAST_INSIDE = 0.3  # share of the DLO that must be in the picture
@@ -52,12 +52,19 @@ class Measured:
         u: material coordinate of each profile [m], shape (k,); None where it is not known yet.
         prolonged: length by which the curve was prolonged at free ends [px].
         free: whether start and end are free.
+        abandons: whether the course turns off a strand that goes straight on.
     """
 
     def __init__(
-        self, located: Located, u: FloatArray | None, prolonged: float, free: tuple[bool, bool]
+        self,
+        located: Located,
+        u: FloatArray | None,
+        prolonged: float,
+        free: tuple[bool, bool],
+        *,
+        abandons: bool = False,
     ) -> None:
-        self.located, self.u = located, u
+        self.located, self.u, self.abandons = located, u, abandons
         last = len(located.curve) - 1.0
         low = free_end(located, prolonged, from_start=True) if free[0] else 0.0
         high = free_end(located, prolonged, from_start=False) if free[1] else last
@@ -83,11 +90,11 @@ class Measured:
             excluded=None if one.excluded is None else one.excluded[::-1],
         )  # fmt: skip
         u = None if self.u is None else self.u[::-1]
-        return Measured(turned, u, self._prolonged, self._free[::-1])
+        return Measured(turned, u, self._prolonged, self._free[::-1], abandons=self.abandons)
 
     def at(self, u: FloatArray) -> Measured:
         """The course with material coordinates [m] of the profiles, shape (k,)."""
-        return Measured(self.located, u, self._prolonged, self._free)
+        return Measured(self.located, u, self._prolonged, self._free, abandons=self.abandons)
 
     @property
     def tips(self) -> tuple[FloatArray | None, FloatArray | None]:
@@ -145,8 +152,6 @@ class ViewSearch:
     ) -> list[Measured]:
         """The courses in a picture of which nothing is known, the likeliest first.
 
-        Of strands that meet, a DLO leaves on the one that carries on what it did before.
-
         Raises:
             VisionError: there is none, or too many.
         """
@@ -172,10 +177,8 @@ class ViewSearch:
             strands = [bars.to_image(c.points) for c in chains if alike(c, path)]
             part = slice(round(found.low), round(found.high) + 1)
             course, seen = found.located.points[part], found.seen[part]
-            if not abandons_strand(course, seen, strands, found.located.width, free):
-                result.append(found)
-        if not result:
-            raise VisionError("what looks like the DLO turns off a strand that goes on")
+            found.abandons = abandons_strand(course, seen, strands, found.located.width, free)
+            result.append(found)
         return result
 
     def _pixel(self, clamp: ClampPose) -> ClampPixel | None:

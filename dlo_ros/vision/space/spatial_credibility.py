@@ -3,14 +3,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from dlo_ros.errors import VisionError
+from dlo_ros.parameters import RodParameters
 from dlo_ros.spline import FloatArray
+from dlo_ros.vision.fit.course_evidence import BEND, bending_evidence, chance_length
+from dlo_ros.vision.fit.material_coordinates import length_log_likelihood
 from dlo_ros.vision.fit.planar_credibility import LEAST_SEEN, SHARPEST
 from dlo_ros.vision.segmentation.picture_strip import Mask
+from dlo_ros.vision.space.reprojection import SHARED_STD
 from dlo_ros.vision.space.spatial_clamps import Clamps
 from dlo_ros.vision.space.spatial_result import SpaceFit
 from dlo_ros.vision.space.view import View
@@ -25,6 +30,8 @@ BESIDE = 0.5  # [widths] a point further off lies on something else,
 MOST_BESIDE = 0.08  # which may be so of this share of a view's points
 LONGEST_STRETCH = 0.03  # of L: what is seen may be longer or shorter by as much
 FAR_FROM_CLAMP = 4.0  # [diameters] that an end may lie from its clamp
+DIFFERENT = 2.0  # [diameters] two shapes that are nowhere further apart are one
+EVEN = 0.02  # [widths] points beside the spline by less are no evidence against it
 JUDGED = 15  # places of which the std is looked at
 LARGEST_STD = 0.02  # of L: where nothing determines the depth better, median over the DLO
 
@@ -110,3 +117,47 @@ def check(views: Sequence[View], fit: SpaceFit, clamps: Clamps, diameter: float)
             "the pictures do not determine the depth: the DLO runs along the epipolar lines, or "
             "the cameras stand too close to one another"
         )
+
+
+def evidence(views: Sequence[View], fit: SpaceFit, rod: RodParameters) -> float:
+    """Log likelihood of a shape, up to a constant: by its bends, length and distance to the views.
+
+    As the bends (see `bending_evidence`), the distances have a variance that is not known.
+
+    Args:
+        views: views that the spline was fitted to.
+        fit: the fine spline.
+        rod: parameters of the DLO.
+    """
+    curve = fit.basis.evaluate(fit.points, np.linspace(0.0, rod.length, STEPS))
+    seen = rod.length * (1.0 + fit.stretch)
+    likely = bending_evidence(curve, rod.diameter)
+    likely += float(length_log_likelihood(seen, rod.length, _length_std(rod)))
+    count = rod.length / (BEND * rod.diameter)
+    for view, residual in zip(views, fit.residuals, strict=True):
+        square = float(np.mean(np.minimum(np.abs(residual) / view.width, BESIDE) ** 2))
+        likely -= 0.5 * count * math.log(square + EVEN**2)
+    return likely
+
+
+def by_chance(fit: SpaceFit, rod: RodParameters) -> bool:
+    """Whether a shape that is not the DLO is likelier to have the shape's length than the DLO."""
+    seen, limits = rod.length * (1.0 + fit.stretch), (LONGEST_STRETCH, LONGEST_STRETCH)
+    return chance_length(seen, limits, rod.length, _length_std(rod))
+
+
+def _length_std(rod: RodParameters) -> float:
+    """Standard deviation of the DLO's length as several views show it [m]."""
+    return math.hypot(rod.length_std, SHARED_STD * rod.length)
+
+
+def alike(one: SpaceFit, other: SpaceFit, diameter: float) -> bool:
+    """Whether two shapes are nowhere apart.
+
+    Args:
+        one, other: fits with one basis.
+        diameter: diameter of the DLO [m].
+    """
+    at = np.linspace(0.0, one.basis.length, STEPS)
+    away = one.basis.evaluate(one.points - other.points, at)
+    return float(np.linalg.norm(away, axis=1).max()) < DIFFERENT * diameter

@@ -36,9 +36,17 @@ from dlo_ros.vision.space.picture_search import Measured, ViewSearch, along_curv
 from dlo_ros.vision.space.publishing import end_stds, publish
 from dlo_ros.vision.space.reprojection import Prior, fit_views
 from dlo_ros.vision.space.spatial_clamps import Clamps, clamps_at
-from dlo_ros.vision.space.spatial_credibility import check, near, seen_by
+from dlo_ros.vision.space.spatial_credibility import (
+    alike,
+    by_chance,
+    check,
+    evidence,
+    near,
+    seen_by,
+)  # fmt: skip
 from dlo_ros.vision.space.spatial_result import SpaceFit, SpaceResult
 from dlo_ros.vision.space.view import View, view_of
+from dlo_ros.vision.tracing.course_choice import DECISIVE
 from dlo_ros.vision.tracing.occlusion_bridges import check_bridges
 
 LOG = logging.getLogger(__name__)
@@ -51,8 +59,7 @@ SPEED_STD = 0.03  # [m/s] besides
 MATCHED = 4.0  # [px] root mean square distance from the epipolar lines, beyond which none match
 MATCHED_LENGTH = 0.2  # of L, by which a rough match may be too long or too short
 LENGTH_STD = 0.05  # of L: the same of a match that is right
-FITTED = 2  # rough matches, the best ones, that are fitted
-DIFFERENT = 2.0  # [diameters] two shapes that are nowhere further apart are one
+FITTED = 6  # rough matches, the best ones, that are fitted
 
 Picture = TypeVar("Picture")
 
@@ -182,9 +189,8 @@ class SpaceObserver:
         last: _Last,
         search: float,
     ) -> SpaceResult:
-        u, b = self._dense, self._values
+        u, b, free = self._dense, self._values, (clamps[0] is None, clamps[1] is None)
         share = (u / u[-1])[:, None]
-        free = (clamps[0] is None, clamps[1] is None)
 
         def look(name: str, view: ViewSearch) -> Measured:
             then = frames[name].stamp
@@ -217,8 +223,9 @@ class SpaceObserver:
         before: _Last | None,
     ) -> SpaceResult:
         found = self._each(lambda name, view: view.find(images[name], clamps))
-        results: list[SpaceResult] = []
-        reason = VisionError("the views do not show one DLO")
+        results: list[tuple[float, SpaceResult, dict[str, Measured]]] = []
+        reason, rivals = VisionError("the views do not show one DLO"), []
+        rod = self.settings.rod
         for shape, chosen in self._rough(found, frames)[:FITTED]:
             try:
                 start = self._oriented(shape, clamps, before)
@@ -228,19 +235,27 @@ class SpaceObserver:
                                 for n, m in chosen.items()}  # fmt: skip
                     views, fit = self._fit(frames, measured, clamps, start, None)
                     start = fit.points
+                likely = evidence(views, fit, rod)
+                rivals.append((likely, fit))
                 result = self._result(stamp, frames, images, measured, views, fit, clamps, False)
+                # Of strands that meet, a DLO leaves on the one that carries on what it did before.
+                if any(one.abandons for one in chosen.values()):
+                    raise VisionError("what looks like the DLO turns off a strand that goes on")
             except VisionError as err:
                 reason = err
                 continue
-            if not any(self._alike(result, other) for other in results):
-                results.append(result)
-                kept = measured
+            rivals[-1] = likely + DECISIVE, fit
+            results.append((likely, result, measured))
         if not results:
             raise reason
-        if len(results) > 1:
+        likely, result, measured = max(results, key=lambda one: one[0])
+        several = any(len(courses) > 1 for courses in found.values())
+        if (several and by_chance(result.fit, rod)) or any(
+            other > likely and not alike(fit, result.fit, rod.diameter) for other, fit in rivals
+        ):
             raise VisionError("the pictures allow two shapes of the DLO")
-        self._remember(stamp, results[0].fit, kept, None)
-        return results[0]
+        self._remember(stamp, result.fit, measured, None)
+        return result
 
     def _rough(
         self, found: Mapping[str, Sequence[Measured]], frames: Mapping[str, Frame]
@@ -373,12 +388,6 @@ class SpaceObserver:
         stamps = [frame.stamp for frame in frames.values()]
         offset = (max(stamps) - min(stamps)) * 1e-9
         return SpaceResult(observation, fit, shown, offset, float(np.mean(several)), seen)
-
-    def _alike(self, one: SpaceResult, other: SpaceResult) -> bool:
-        """Whether two shapes are nowhere apart."""
-        away = self._fine.evaluate(one.fit.points - other.fit.points, self._dense)
-        furthest = float(np.linalg.norm(away, axis=1).max())
-        return furthest < DIFFERENT * self.settings.rod.diameter
 
     def _remember(
         self, stamp: int, fit: SpaceFit, measured: Mapping[str, Measured], last: _Last | None

@@ -31,6 +31,9 @@ LENGTH_STD = 0.03  # of the length: how well the seen length is expected to agre
 LENGTH_LIMIT = 0.15  # of the length: a path further off is none
 LEAST_COVERED = 0.45  # of the length by chains, the rest by bridges
 FREE_END = 1.5  # cost of ending where no clamp says so
+CARRIED_ON = 4.0
+"""Cost of a link below which an end is doubtful: another DLO would begin there, straight ahead, by
+chance. Where the length is a criterion, it says that by itself."""
 MOST_EXPANSIONS = 1500
 SAME_LENGTH = 0.02  # of the length: paths to one chain that differ by less are not kept apart
 MOST_LINKS = 8  # tried from each end
@@ -236,7 +239,7 @@ class PathSearch:
             ]
         strong = 0.3 * float(np.max(self.ends.strengths))
         return [
-            _Partial(FREE_END, 0.0, float(self.lengths[k // 2]), (k,))
+            _Partial(self._free_end(k), 0.0, float(self.lengths[k // 2]), (k,))
             for k in range(len(self.ends))
             if self.ends.strengths[k] > strong
         ]
@@ -265,13 +268,20 @@ class PathSearch:
     def _close(self, state: int) -> tuple[float, float, float]:
         """Cost and length from the end of a chain to the end of the DLO, and what is unseen."""
         if self.end is None:
-            return FREE_END, 0.0, 0.0
+            return self._free_end(state ^ 1), 0.0, 0.0
         if self._closings is None:
             self._closings = {
                 link.end: (link.cost, link.length, link.unseen)
                 for link in self._from_clamp(self.end, False)
             }
         return self._closings.get(state, (np.inf, 0.0, 0.0))
+
+    def _free_end(self, k: int) -> float:
+        """Cost of a free end of the DLO at a chain's end."""
+        if np.isfinite(self.rule.std):
+            return FREE_END
+        carried_on = min((link.cost for link in self._next(k ^ 1)), default=CARRIED_ON)
+        return FREE_END + max(CARRIED_ON - carried_on, 0.0)
 
     def _next(self, state: int) -> list[Continuation]:
         """Cheapest links from the exit of a chain, which is not where it was entered."""
