@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from vision_stress import judge
 
-from dlo_ros.vision.fit.course_evidence import bending_evidence
+from dlo_ros.vision.fit.course_evidence import bending_evidence, chance_length
 from dlo_ros.vision.fit.material_coordinates import length_log_likelihood
 from dlo_ros.vision.tracing import course_choice
 from dlo_ros.vision.tracing.course_choice import DECISIVE, AmbiguousError, on_two_strands
@@ -90,11 +90,37 @@ def test_a_course_that_bends_to_and_fro_has_less_evidence():
     assert bending_evidence(wavy, WIDTH) == pytest.approx(bending_evidence(arc, WIDTH), abs=0.5)
 
 
+def test_a_course_in_space_has_the_evidence_of_the_same_course_in_its_plane():
+    x = np.linspace(0.0, 1000.0, 1001)
+    z = 30.0 * np.sin(x / 100.0)
+    flat, tilted = np.column_stack([x, z]), np.column_stack([x, 0.6 * z, 0.8 * z])
+    assert bending_evidence(tilted, WIDTH) == pytest.approx(bending_evidence(flat, WIDTH))
+
+
+def test_a_likelier_course_of_which_a_part_was_seen_leaves_the_picture_silent():
+    evidence = np.zeros(1)
+    args = ([LINE], evidence, [], WIDTH)
+    assert course_choice.choose(*args, -1.0, either_way=True) == 0
+    with pytest.raises(AmbiguousError):
+        course_choice.choose(*args, 1.0, either_way=True)
+
+
+def test_a_length_far_off_is_likelier_that_of_a_course_by_chance():
+    limits = (0.1, 0.05)
+    assert not chance_length(0.402, limits, 0.4, 0.0)
+    assert chance_length(0.408, limits, 0.4, 0.0)
+    assert not chance_length(0.408, limits, 0.4, 0.01)  # the length is known less well
+
+
 def test_a_wrong_length_is_evidence_but_no_proof():
     right, wrong = length_log_likelihood(np.array([0.4, 0.42]), 0.4, 0.0)
     assert 4.0 < right - wrong < 2.0 * DECISIVE
     known_less_well = length_log_likelihood(np.array([0.4, 0.42]), 0.4, 0.02)
     assert known_less_well[0] - known_less_well[1] < 1.0
+
+
+def test_a_course_of_pieces_that_is_too_long_leaves_the_picture_silent():
+    assert judge(501373, ends="start").found == "silent"  # u was wrong by 2 % of L before
 
 
 @pytest.mark.parametrize("seed", [502381, 502677, 501533, 500629])

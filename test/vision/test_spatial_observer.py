@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import yaml
 from scipy.spatial import cKDTree
-from vision_space_strands import outcome
 
 from dlo_ros.cli.main import main
 from dlo_ros.errors import InputError, ParameterError, VisionError
@@ -359,15 +358,6 @@ def test_observe_finds_a_rope_in_two_cameras_pictures(tmp_path, capsys):
     assert all(o.points.std_along is not None for o in observations)
     names = {path.stem.rsplit("_", 1)[1] for path in (tmp_path / "overlays").iterdir()}
     assert names == {"left", "right"}
-
-
-@pytest.mark.parametrize(("kind", "seed"), [("loop", 111), ("second", 12), ("second", 352)])
-def test_a_course_that_turns_off_its_strand_in_one_view_is_refused(kind, seed):
-    assert outcome(seed, kind, 1) != "wrong"
-
-
-def test_a_rope_that_crosses_itself_is_found():
-    assert [outcome(seed, "loop", 1) for seed in (100, 101, 102, 103)].count("right") >= 3
 
 
 @pytest.mark.slow

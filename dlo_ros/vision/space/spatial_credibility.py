@@ -15,7 +15,6 @@ from dlo_ros.vision.fit.course_evidence import BEND, bending_evidence, chance_le
 from dlo_ros.vision.fit.material_coordinates import length_log_likelihood
 from dlo_ros.vision.fit.planar_credibility import LEAST_SEEN, SHARPEST
 from dlo_ros.vision.segmentation.picture_strip import Mask
-from dlo_ros.vision.space.reprojection import SHARED_STD
 from dlo_ros.vision.space.spatial_clamps import Clamps
 from dlo_ros.vision.space.spatial_result import SpaceFit
 from dlo_ros.vision.space.view import View
@@ -132,7 +131,7 @@ def evidence(views: Sequence[View], fit: SpaceFit, rod: RodParameters) -> float:
     curve = fit.basis.evaluate(fit.points, np.linspace(0.0, rod.length, STEPS))
     seen = rod.length * (1.0 + fit.stretch)
     likely = bending_evidence(curve, rod.diameter)
-    likely += float(length_log_likelihood(seen, rod.length, _length_std(rod)))
+    likely += float(length_log_likelihood(seen, rod.length, rod.length_std))
     count = rod.length / (BEND * rod.diameter)
     for view, residual in zip(views, fit.residuals, strict=True):
         square = float(np.mean(np.minimum(np.abs(residual) / view.width, BESIDE) ** 2))
@@ -143,12 +142,7 @@ def evidence(views: Sequence[View], fit: SpaceFit, rod: RodParameters) -> float:
 def by_chance(fit: SpaceFit, rod: RodParameters) -> bool:
     """Whether a shape that is not the DLO is likelier to have the shape's length than the DLO."""
     seen, limits = rod.length * (1.0 + fit.stretch), (LONGEST_STRETCH, LONGEST_STRETCH)
-    return chance_length(seen, limits, rod.length, _length_std(rod))
-
-
-def _length_std(rod: RodParameters) -> float:
-    """Standard deviation of the DLO's length as several views show it [m]."""
-    return math.hypot(rod.length_std, SHARED_STD * rod.length)
+    return chance_length(seen, limits, rod.length, rod.length_std)
 
 
 def alike(one: SpaceFit, other: SpaceFit, diameter: float) -> bool:
