@@ -15,6 +15,7 @@ from scipy.ndimage import median_filter
 
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
+from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.segmentation.edge_profile import Located
 from dlo_ros.vision.segmentation.picture_strip import normals_of
 
@@ -55,6 +56,21 @@ def _across(
     good = number > 0
     middle[good] = 0.5 * (ordered[rows, low] + ordered[rows, high])[good]
     return middle
+
+
+def course_points(
+    image: Depths, camera: Camera, course: FloatArray, width: float, radius: float
+) -> FloatArray:
+    """Points of the axis all along a course in the board frame [m], shape (k, 3).
+
+    Args:
+        image: see `profile_depths`.
+        camera: camera of the picture.
+        course, width, radius: see `course_depth`.
+    """
+    z = course_depth(image, course, width, radius)
+    seen = np.column_stack([camera.rays(course), np.ones(len(course))]) * z[:, None]
+    return np.asarray((seen - camera.translation) @ camera.rotation)
 
 
 def course_depth(image: Depths, course: FloatArray, width: float, radius: float) -> FloatArray:

@@ -190,3 +190,16 @@ def coordinates(points: FloatArray, length: float) -> FloatArray:
     """Material coordinates of a polyline's points, by their share of its length [m], shape (m,)."""
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     return np.asarray(s * (length / max(float(s[-1]), 1e-12)))
+
+
+def scaled_in_depth(points: FloatArray, axis: FloatArray, scale: float) -> FloatArray:
+    """Control points whose depth from the line through both ends is scaled [m], shape (k, 3).
+
+    Args:
+        points: control points [m], shape (k, 3).
+        axis: unit vector along which the depth counts, shape (3,).
+        scale: factor; below 0 the shape is mirrored.
+    """
+    share = np.linspace(0.0, 1.0, len(points))[:, None]
+    away = points - points[0] - share * (points[-1] - points[0])
+    return np.asarray(points + (scale - 1.0) * (away @ axis)[:, None] * axis)

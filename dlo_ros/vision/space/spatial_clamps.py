@@ -51,3 +51,25 @@ def _clamp(
         towards = -towards
     norm = float(np.linalg.norm(towards))
     return ClampPose(positions[outer], towards / norm if norm > 0.0 else None)
+
+
+def from_start(
+    points: FloatArray, start: FloatArray | None, end: FloatArray | None, diameter: float
+) -> FloatArray:
+    """Points of a shape from the DLO's start to its end [m], shape (m, 3).
+
+    Args:
+        points: the same in either order [m], shape (m, 3).
+        start, end: about where the ends are [m], shape (3,); None: unknown. Where both are, the
+            start is the end of the smaller x, or z where x agrees to a diameter.
+        diameter: diameter of the DLO [m].
+    """
+    ends = points[[0, -1]]
+    if start is None and end is None:
+        apart = ends[0] - ends[1]
+        turned = bool(apart[0 if abs(apart[0]) > diameter else 2] > 0.0)
+    else:
+        known = [(k, place) for k, place in enumerate((start, end)) if place is not None]
+        kept = sum(float(np.linalg.norm(ends[k] - place)) for k, place in known)
+        turned = sum(float(np.linalg.norm(ends[1 - k] - place)) for k, place in known) < kept
+    return points[::-1] if turned else points

@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, TypeVar
@@ -30,12 +31,12 @@ from dlo_ros.vision.planar_result import VisionResult
 from dlo_ros.vision.segmentation.camera_image import image_of
 from dlo_ros.vision.segmentation.ridge_map import Image
 from dlo_ros.vision.segmentation.user_hints import Hints
-from dlo_ros.vision.space.depth import course_depth, profile_depths
-from dlo_ros.vision.space.matching import Course, Match, coordinates, match
+from dlo_ros.vision.space.depth import course_points, profile_depths
+from dlo_ros.vision.space.matching import Course, Match, coordinates, match, scaled_in_depth
 from dlo_ros.vision.space.picture_search import Measured, ViewSearch, along_curve
 from dlo_ros.vision.space.publishing import end_stds, publish
 from dlo_ros.vision.space.reprojection import Prior, fit_views
-from dlo_ros.vision.space.spatial_clamps import Clamps, clamps_at
+from dlo_ros.vision.space.spatial_clamps import Clamps, clamps_at, from_start
 from dlo_ros.vision.space.spatial_credibility import (
     alike,
     by_chance,
@@ -60,6 +61,10 @@ MATCHED = 4.0  # [px] root mean square distance from the epipolar lines, beyond 
 MATCHED_LENGTH = 0.2  # of L, by which a rough match may be too long or too short
 LENGTH_STD = 0.05  # of L: the same of a match that is right
 FITTED = 6  # rough matches, the best ones, that are fitted
+
+DEPTHS = (-1.0, 0.0, 2.0)
+"""Times of its depth from the line through its ends, from which a shape is fitted once more: where
+the depth follows from the length alone, several shapes have the same."""
 
 Picture = TypeVar("Picture")
 
@@ -226,28 +231,35 @@ class SpaceObserver:
         results: list[tuple[float, SpaceResult, dict[str, Measured]]] = []
         reason, rivals = VisionError("the views do not show one DLO"), []
         rod = self.settings.rod
-        for shape, chosen in self._rough(found, frames)[:FITTED]:
-            try:
-                start = self._oriented(shape, clamps, before)
-                for _ in range(2):  # the second time from where the first has come to
-                    curve = self._fine.evaluate(start, self._dense)
-                    measured = {n: along_curve(m, self.cameras[n], curve, self._dense)
-                                for n, m in chosen.items()}  # fmt: skip
-                    views, fit = self._fit(frames, measured, clamps, start, None)
-                    start = fit.points
-                likely = evidence(views, fit, rod)
-                rivals.append((likely, fit))
-                result = self._result(stamp, frames, images, measured, views, fit, clamps, False)
-                # Of strands that meet, a DLO leaves on the one that carries on what it did before.
-                if any(one.abandons for one in chosen.values()):
-                    raise VisionError("what looks like the DLO turns off a strand that goes on")
-            except VisionError as err:
-                reason = err
-                continue
+
+        def attempt(start: FloatArray, chosen: Mapping[str, Measured]) -> None:
+            for _ in range(2):  # the second time from where the first has come to
+                curve = self._fine.evaluate(start, self._dense)
+                measured = {n: along_curve(m, self.cameras[n], curve, self._dense)
+                            for n, m in chosen.items()}  # fmt: skip
+                views, fit = self._fit(frames, measured, clamps, start, None)
+                start = fit.points
+            likely = evidence(views, fit, rod)
+            rivals.append((likely, fit))
+            result = self._result(stamp, frames, images, measured, views, fit, clamps, False)
+            # Of strands that meet, a DLO leaves on the one that carries on what it did before.
+            if any(one.abandons for one in chosen.values()):
+                raise VisionError("what looks like the DLO turns off a strand that goes on")
             rivals[-1] = likely + DECISIVE, fit
             results.append((likely, result, measured))
+
+        for shape, chosen in self._rough(found, frames)[:FITTED]:
+            try:
+                attempt(self._oriented(shape, clamps, before), chosen)
+            except VisionError as err:
+                reason = err
         if not results:
             raise reason
+        _, result, measured = max(results, key=lambda one: one[0])
+        for scale in DEPTHS:
+            with suppress(VisionError, np.linalg.LinAlgError):
+                axis = next(iter(self.cameras.values())).rotation[2]
+                attempt(scaled_in_depth(result.fit.points, axis, scale), measured)
         likely, result, measured = max(results, key=lambda one: one[0])
         several = any(len(courses) > 1 for courses in found.values())
         if (several and by_chance(result.fit, rod)) or any(
@@ -302,29 +314,16 @@ class SpaceObserver:
         image, camera = frames[name].depth, self.cameras[name]
         if image is None:
             raise VisionError("one camera without depth determines no shape in space")
-        course = measured.course()
-        z = course_depth(image, course, measured.located.width, 0.5 * self.settings.rod.diameter)
-        seen = np.column_stack([camera.rays(course), np.ones(len(course))]) * z[:, None]
-        return Match((seen - camera.translation) @ camera.rotation, 0.0)
+        radius = 0.5 * self.settings.rod.diameter
+        points = course_points(image, camera, measured.course(), measured.located.width, radius)
+        return Match(points, 0.0)
 
     def _oriented(self, points: FloatArray, clamps: Clamps, before: _Last | None) -> FloatArray:
         """Control points of a rough shape from the DLO's start to its end."""
-        ends = points[[0, -1]]
         known = [None if c is None else c.position for c in clamps]
         if clamps == (None, None) and before is not None:
             known = [before.fit.points[0], before.fit.points[-1]]
-        if known[0] is None and known[1] is None:
-            apart = ends[0] - ends[1]
-            axis = 0 if abs(apart[0]) > self.settings.rod.diameter else 2
-            turned = bool(apart[axis] > 0.0)
-        else:
-            kept, other = 0.0, 0.0
-            for k, place in enumerate(known):
-                if place is not None:
-                    kept += float(np.linalg.norm(ends[k] - place))
-                    other += float(np.linalg.norm(ends[1 - k] - place))
-            turned = other < kept
-        points = points[::-1] if turned else points
+        points = from_start(points, known[0], known[1], self.settings.rod.diameter)
         return self._fine.fit(coordinates(points, self._fine.length), points)
 
     def _fit(
