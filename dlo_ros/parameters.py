@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from dlo_ros.effects import quantities
-from dlo_ros.effects.registry import STD, check_tolerance, tolerance_of
+from dlo_ros.effects.registry import STD, build, check_tolerance, tolerance_of
 from dlo_ros.effects.registry import check as check_effect
 from dlo_ros.errors import ParameterError
 from dlo_ros.file_parameter import Value
@@ -207,8 +207,7 @@ class Settings(RodSettings):
     @property
     def command_delay(self) -> float:
         """Delay of the DLO's motion behind its commands that the file states [s]."""
-        delay = self.effects.get("command_delay", {}).get("delay", 0.0)
-        return delay if isinstance(delay, float) else 0.0
+        return sum(effect.later() for effect in build(self.effects))
 
     @property
     def camera_poses(self) -> dict[str, CameraPose]:

@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from dlo_ros.effects import quantities
+from dlo_ros.effects.measurement.command_delay import CommandDelay
 from dlo_ros.inference.apparent_delay import LEAST, ApparentDelay, apparent_delay
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.observation import Observation
@@ -26,7 +26,7 @@ def tell_delay(manipulation: Manipulation, settings: Settings) -> bool:
 
     Args:
         manipulation: commands and observed shapes.
-        settings: parameter file; a `command_delay` that it states is none to be told of.
+        settings: parameter file; a delay that it states is none to be told of.
     """
     found = apparent_delay(manipulation, settings.rod.length)
     if found is None or abs(found.seconds - settings.command_delay) < LEAST:
@@ -37,8 +37,9 @@ def tell_delay(manipulation: Manipulation, settings: Settings) -> bool:
 
 def _words(found: ApparentDelay) -> str:
     mend = "correct the stamps by that"
-    if abs(found.seconds) < quantities("command_delay")["delay"].upper:
-        mend += f", or state effects.command_delay.delay: {found.seconds:.2f}"
+    (delay,) = CommandDelay.quantities()
+    if abs(found.seconds) < delay.upper:
+        mend += f", or state {CommandDelay.parameter(delay.name)}: {found.seconds:.2f}"
     return (
         f"the ends of the observed shapes move {abs(found.seconds):.2f} s "
         f"{'later' if found.seconds > 0.0 else 'earlier'} than the commands say (which explain "
