@@ -13,6 +13,7 @@ from challenge.draws import NAMED
 from challenge.evaluate import compare
 
 from dlo_ros.cli.main import main as dlo_ros
+from dlo_ros.errors import SimulationError
 from field import spatial
 from field.generate import Case, draw
 
@@ -210,7 +211,11 @@ def main() -> None:
                 continue
             with tempfile.TemporaryDirectory() as folder:
                 kept = arguments.keep and arguments.keep / f"{seed}_{label}"
-                r = solve(case, kept or Path(folder), pictures=arguments.pictures)
+                try:
+                    r = solve(case, kept or Path(folder), pictures=arguments.pictures)
+                except SimulationError as err:
+                    print(f"{seed}_{label}: no such recording: {err}", flush=True)
+                    continue
             results.append(r)
             print(f"{seed}_{label}: {_line(r)}", flush=True)
     print("\n".join([*by_effect(results, arguments.effect), *summary(results)]))
