@@ -14,7 +14,7 @@ from dlo_ros.report.diagnosis_content import SetupRow
 NOTABLE = 3.0
 """Standard deviations from neutral, from which a number of the set-up is notably off."""
 NOT_DETERMINED = "not determined"
-IF_DENSITY = ", if the density is right"
+IF_DENSITY = ", at this density"
 """Condition under which a number is known of which the data determine the ratio to the density."""
 GUESSED = "none"
 """Tolerance of what nobody states beforehand, such as a damping that is only guessed."""
