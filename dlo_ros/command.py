@@ -21,7 +21,7 @@ END = "end"
 CONTROL_POINT = "control_point_"
 NANOSECONDS = 1_000_000_000
 NORM = 0.1
-"""By which a quaternion's norm may differ from 1: rounding, and no other representation."""
+"""Largest difference of a quaternion's norm from 1: rounding, and no other representation."""
 UNIT = "a unit quaternion x, y, z, w is needed, (0, 0, 0, 1) where nothing is turned"
 CLOSEST = NANOSECONDS // 1000
 """Commands that lie closer [ns] to the one before the last replace the last."""
@@ -113,7 +113,7 @@ class Command:
         return position, rotation
 
     def turning_at_most(self, angle: float) -> Command:
-        """The same motion with so many points that no clamp turns further between two of them.
+        """The motion with so many points that no clamp turns further between two of them.
 
         Args:
             angle: [rad].

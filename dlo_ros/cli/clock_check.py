@@ -49,13 +49,22 @@ def _words(found: ApparentDelay) -> str:
     )
 
 
+def many_missed(missed: int, found: int) -> bool:
+    """Whether so many images show no DLO between the commanded clamps that these are doubted.
+
+    Args:
+        missed, found: numbers of images in which none, and one, was found.
+    """
+    return missed > 0 and missed >= MANY * (missed + found)
+
+
 def tell_delay_of_images(
     manipulation: Manipulation,
     settings: Settings,
     missed: int,
     uncommanded: Callable[[], Iterable[Observation]],
 ) -> None:
-    """Where many images show no DLO between the commanded clamps, look without the commands.
+    """Where many images show no DLO, see `many_missed`, look for it without the commands.
 
     Args:
         manipulation: commands, and the shapes that were found with them.
@@ -63,8 +72,7 @@ def tell_delay_of_images(
         missed: number of images in which none was found.
         uncommanded: function that observes the images anew, without the commands.
     """
-    total = missed + len(manipulation.observations)
-    if missed < MANY * total or not manipulation.commands:
+    if not (many_missed(missed, len(manipulation.observations)) and manipulation.commands):
         return
     shapes = tuple(uncommanded())
     turned = tuple(turned_round(o, settings.rod.length) for o in shapes)

@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from dlo_ros.cli.clock_check import tell_delay_of_images
+from dlo_ros.cli.clock_check import many_missed, tell_delay_of_images
 from dlo_ros.cli.control_points import CHOSEN_BY, chosen, with_control_points
 from dlo_ros.cli.observe_points import observe_points_bag, observes_points
 from dlo_ros.cli.observe_space import ObservedFrame, observe_together, watches_space
@@ -271,12 +271,12 @@ def _doubt_commands(
     path: Path, settings: Settings, found: Sequence[VisionResult], missed: int
 ) -> None:
     """Warn where the images show another motion than the commanded one."""
+    if not many_missed(missed, len(found)):
+        return  # before the bag is read again
     recording = read_recording(path, settings, require_command=False)
     shapes = tuple(result.observation for result in found)
-    tell_delay_of_images(
-        Manipulation(recording.name, recording.commands, shapes), settings, missed,
-        lambda: uncommanded_shapes(path, settings),
-    )  # fmt: skip
+    manipulation = Manipulation(recording.name, recording.commands, shapes)
+    tell_delay_of_images(manipulation, settings, missed, lambda: uncommanded_shapes(path, settings))
 
 
 def _advice(found: list[VisionResult], settings: Settings) -> str:

@@ -88,6 +88,17 @@ class Recording:
         result = self.white(self.observed[-frames:] - predicted[..., :3])
         return result if self.beyond is None else result + self.beyond[-frames:] / self.noise
 
+    def moved(self, error: FloatArray) -> Recording:
+        """The recording with shapes moved by a simulation's error, which a residual then lacks.
+
+        Args:
+            error: control points of that simulation minus those of an exact one [m], shape (F, n,
+                3), of the last F frames.
+        """
+        observed = self.observed.copy()
+        observed[-len(error) :] += error
+        return replace(self, observed=observed)
+
     def until(self, stop: int) -> Recording:
         """Its first frames."""
         if stop >= len(self.times):

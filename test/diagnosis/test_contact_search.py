@@ -206,7 +206,7 @@ def hidden(tmp_path_factory):
 
 
 def looked_for(settings, beginning):
-    """What may have been hit, beside the set-up."""
+    """Pegs and walls that may have been hit, beside the set-up."""
     rough = drafts(beginning.recordings, beginning.at)
     names = imposed_names(d.manipulation for d in rough)
     here = scene(settings, names, [d.observed for d in rough])

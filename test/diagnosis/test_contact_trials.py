@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What was hit: the contact with which the search for causes begins, and its rivals."""
+"""The contact with which the search for causes begins, and its rivals."""
 
 from types import SimpleNamespace
 

@@ -149,7 +149,7 @@ def test_a_grip_that_is_askew_in_the_hand_stays_so_as_it_turns():
 
 
 def test_about_the_dlo_a_hand_may_be_anyhow():
-    """That is why there is no such number: the DLO begins free of twist."""
+    """The effect has no number about x for this reason: the DLO begins free of twist."""
     twisting = command(
         ["start"], [0.0, 0.2], [[0.0] * 3, [0.02, 0.05, 0.03]],
         Rotation.from_rotvec([[0.0] * 3, [0.5, 0.2, 0.3]]).as_quat(),

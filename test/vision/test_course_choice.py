@@ -80,12 +80,12 @@ def test_a_course_that_bends_to_and_fro_has_less_evidence():
     arc = np.column_stack([x, 5e-4 * (x - 500.0) ** 2])
     aside = arc + np.column_stack([0.0 * x, 30.0 * np.exp(-(((x - 500.0) / 50.0) ** 2))])
     assert bending_evidence(arc, WIDTH) > bending_evidence(aside, WIDTH) + DECISIVE
-    # The same for another unit, and either way along the course.
+    # The evidence is the same in another unit, and either way along the course.
     assert bending_evidence(0.1 * aside, 0.1 * WIDTH) == pytest.approx(
         bending_evidence(aside, WIDTH)
     )
     assert bending_evidence(aside[::-1], WIDTH) == pytest.approx(bending_evidence(aside, WIDTH))
-    # What is smaller than errors of the measurement is no evidence.
+    # Bends smaller than the errors of the measurement are no evidence.
     wavy = arc + np.column_stack([0.0 * x, 0.02 * np.sin(x / 20.0)])
     assert bending_evidence(wavy, WIDTH) == pytest.approx(bending_evidence(arc, WIDTH), abs=0.5)
 

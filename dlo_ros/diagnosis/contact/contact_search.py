@@ -119,10 +119,11 @@ class _Disturbed:
             "initial_simplex": simplex, "maxfev": EVALUATIONS, "fatol": ALIKE, "xatol": np.inf
         }  # fmt: skip
         found = minimize(left, simplex[0], method="Nelder-Mead", options=options)
-        start = self._start(moved(found.x))
-        at = attempt(self._with(moved(found.x)), self.recordings, self.given, ITERATIONS)
+        nearest = moved(found.x)
+        at = attempt(self._with(nearest), self.recordings, self.given, ITERATIONS)
         if at is None:
             return None
+        start = self._start(nearest)
         return at.sum_of_squares, replace(start, block=at.model.settings.effects[start.effect])
 
     def _start(self, hit: Hit) -> Start:
@@ -140,7 +141,7 @@ class _Disturbed:
 
 @dataclass(frozen=True)
 class ContactBesideSetUp:
-    """What may have been hit, and the joint model fitted to the pictures before."""
+    """A peg or wall that may have been hit, and the joint model fitted to the pictures before."""
 
     before: ParametricModel
     start: Start
@@ -149,9 +150,9 @@ class ContactBesideSetUp:
 def contacts_beside_set_up(
     drafts: Sequence[Recording], given: Settings, at: PlainEvaluation, scene: Scene
 ) -> list[ContactBesideSetUp]:
-    """What the DLO may have hit, beside a set-up that is off within its tolerances.
+    """Pegs and walls that the DLO may have hit, beside a set-up off within its tolerances.
 
-    It is nothing where the DLO moves in space, off the board with the pegs.
+    There are none where the DLO moves in space, off the board with the pegs.
 
     Args:
         drafts: the recordings with a coarse simulation, to try contacts with.

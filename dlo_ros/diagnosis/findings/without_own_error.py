@@ -14,21 +14,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from dlo_ros.diagnosis.findings.joint_learning import FINAL_ITERATIONS
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, Simulated, compared, simulate
+from dlo_ros.identification.offline.gauss_newton import STEP_COARSER
+from dlo_ros.inference.joint import Evaluation, Simulated, compared, field, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 
 ROUNDS = 3
-"""Simulations at most, each with time steps half as long and twice the knot spans."""
-SHORTER = 8.0
-"""Factor between the tolerances of time steps of which one are half as long."""
-LEFT = 1.0 / 3.0
-"""What is left of an error that falls with the square of the step, over the last change."""
+"""Simulations at most, each with time steps shorter by `STEP_COARSER` and twice the knot spans."""
 IMMATERIAL = 0.3
 """Error that is left over the standard deviation of any number, below which it does not matter."""
-ITERATIONS = 8
 
 
 def without_own_error(
@@ -56,19 +53,20 @@ def without_own_error(
         if change > last:  # where something is hit, finer simulations may not converge
             break
         best, adjusted, last = here, there, change
-        if LEFT * change < IMMATERIAL:
+        left = change / (STEP_COARSER**2 - 1.0)  # it falls with the square of the step
+        if left < IMMATERIAL:
             break
     moved = float(np.max(np.abs(best.posterior.step - at.posterior.step) / spread))
     if moved < IMMATERIAL:
         return at, recordings
-    return fit(best, adjusted, ITERATIONS), adjusted
+    return fit(best, adjusted, FINAL_ITERATIONS), adjusted
 
 
 def _finer(recording: Recording, settings: Settings) -> Recording:
-    """The recording simulated with time steps half as long, and twice the knot spans."""
+    """The recording simulated with shorter time steps, and twice the knot spans."""
     tolerance = recording.tolerance or settings.simulation.tolerance
     spans = recording.spans and 2 * recording.spans
-    return replace(recording, tolerance=tolerance / SHORTER, spans=spans)
+    return replace(recording, tolerance=tolerance / STEP_COARSER**3, spans=spans)
 
 
 def _compared_with(
@@ -79,15 +77,13 @@ def _compared_with(
     Args:
         exact: control points of a finer simulation of each recording, shape (F, n, 4).
     """
-    fields, adjusted = [], []
-    for recording, (residual, jacobian), coarse, fine in zip(
-        recordings, at.fields, at.predicted, exact, strict=True
-    ):
-        error = coarse[..., :3] - fine[..., :3]
-        unit = replace(recording, noise=np.ones(len(recording.noise)))
-        fields.append((residual + unit.white(error), jacobian))
-        observed = recording.observed.copy()
-        observed[-len(error) :] += error
-        adjusted.append(replace(recording, observed=observed))
-    found = Simulated(tuple(fields), at.err, at.predicted)
+    adjusted = [
+        recording.moved(coarse[..., :3] - fine[..., :3])
+        for recording, coarse, fine in zip(recordings, at.predicted, exact, strict=True)
+    ]
+    fields = tuple(
+        (field(recording, coarse, None, np.zeros(0))[0], jacobian)
+        for recording, coarse, (_, jacobian) in zip(adjusted, at.predicted, at.fields, strict=True)
+    )
+    found = Simulated(fields, at.err, at.predicted)
     return replace(compared(at.model, found, at.variances), derived=at.derived), adjusted

@@ -305,9 +305,7 @@ def drafts(recordings: Sequence[Recording], at: PlainEvaluation) -> tuple[Record
             apart = draft_at.predicted[0][..., :3] - fine[..., :3]
             if np.sqrt(np.mean(recording.white(apart) ** 2)) < most:
                 # What it does wrong with this model, it does with others, nearly.
-                observed = recording.observed.copy()
-                observed[-len(apart) :] += apart
-                draft = replace(draft, observed=observed)
+                draft = draft.moved(apart)
                 break
         else:
             draft = recording

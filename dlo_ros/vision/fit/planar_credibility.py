@@ -37,7 +37,7 @@ LOOKED_AT = 100  # rows of a picture that are looked at
 
 
 class IncompleteError(VisionError):
-    """What was seen may be the DLO, but it is not the whole DLO."""
+    """A shape that may be a part of the DLO, but is not the whole DLO."""
 
 
 def check(

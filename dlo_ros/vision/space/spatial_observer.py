@@ -242,7 +242,7 @@ class SpaceObserver:
             likely = evidence(views, fit, rod)
             rivals.append((likely, fit))
             result = self._result(stamp, frames, images, measured, views, fit, clamps, False)
-            # Of strands that meet, a DLO leaves on the one that carries on what it did before.
+            # Where strands meet, a DLO goes on along the strand that continues its own.
             if any(one.abandons for one in chosen.values()):
                 raise VisionError("what looks like the DLO turns off a strand that goes on")
             rivals[-1] = likely + DECISIVE, fit
