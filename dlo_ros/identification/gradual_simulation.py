@@ -46,4 +46,4 @@ def simulated(
     found = field(
         recording, shapes, np.array(moves) if moves else None, np.array([chain[n] for n in names])
     )
-    return Simulated((found,), (np.linalg.norm(found[0], axis=1),), (shapes,))
+    return Simulated(model, (found,), (np.linalg.norm(found[0], axis=1),), (shapes,))

@@ -31,53 +31,43 @@ Field = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
-class Evaluation:
-    """A model held against recordings.
+class Simulated:
+    """A model's simulation of recordings.
 
     Args:
         model: model with its values.
         fields: residual coefficients [m], shape (F, K), and their derivatives, shape (F, P, K), of
             each recording.
-        spectra: normal equations of each recording.
-        variances: variances of the errors of each recording.
-        posterior: linearised at the model's values.
         err: eq. (10) per recording and frame [m].
         predicted: control points per recording [m], shape (F, n, 4).
-        derived: whether the derivatives are those at the model's values, not at others nearby.
     """
 
     model: ParametricModel
     fields: tuple[Field, ...]
-    spectra: tuple[Spectrum, ...]
-    variances: tuple[Variances, ...]
-    posterior: Posterior
     err: tuple[FloatArray, ...]
     predicted: tuple[FloatArray, ...]
-    derived: bool = True
 
     @property
     def mean_err(self) -> float:
-        """See `_mean`."""
-        return _mean(self.err)
+        """Mean over recordings of the time mean of eq. (10) [m]."""
+        return float(np.mean([e.mean() for e in self.err]))
 
 
 @dataclass(frozen=True)
-class Simulated:
-    """A simulation of recordings: fields, ERR of each frame [m], control points [m]."""
+class Evaluation(Simulated):
+    """A model held against recordings.
 
-    fields: tuple[Field, ...]
-    err: tuple[FloatArray, ...]
-    predicted: tuple[FloatArray, ...]
+    Args:
+        spectra: normal equations of each recording.
+        variances: variances of the errors of each recording.
+        posterior: linearised at the model's values.
+        derived: whether the derivatives are those at the model's values, not at others nearby.
+    """
 
-    @property
-    def mean_err(self) -> float:
-        """See `_mean`."""
-        return _mean(self.err)
-
-
-def _mean(err: Sequence[FloatArray]) -> float:
-    """Mean over recordings of the time mean of eq. (10) [m]."""
-    return float(np.mean([e.mean() for e in err]))
+    spectra: tuple[Spectrum, ...]
+    variances: tuple[Variances, ...]
+    posterior: Posterior
+    derived: bool = True
 
 
 def simulate(
@@ -109,7 +99,7 @@ def simulate(
         fields.append(here)
         errs.append(found.err)
         predictions.append(found.predicted)
-    return Simulated(tuple(fields), tuple(errs), tuple(predictions))
+    return Simulated(model, tuple(fields), tuple(errs), tuple(predictions))
 
 
 def _boundless(jacobian: FloatArray, model: ParametricModel, names: Sequence[str]) -> bool:
@@ -208,32 +198,28 @@ def evaluate(
     Raises:
         SimulationError: one of them cannot be simulated.
     """
-    return judged(model, simulate(model, recordings), start)
+    return judged(simulate(model, recordings), start)
 
 
-def judged(
-    model: ParametricModel, found: Simulated, start: Sequence[Variances] | None = None
-) -> Evaluation:
+def judged(found: Simulated, start: Sequence[Variances] | None = None) -> Evaluation:
     """Fit the variances of what a simulation leaves.
 
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
-    return _fitted(model, found, _spectra(model, found), start)
+    return _fitted(found, _spectra(found), start)
 
 
-def compared(
-    model: ParametricModel, found: Simulated, variances: tuple[Variances, ...]
-) -> Evaluation:
+def compared(found: Simulated, variances: tuple[Variances, ...]) -> Evaluation:
     """What a simulation leaves, with the variances of something similar; see `rejudged`.
 
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
-    spectra = _spectra(model, found)
+    spectra = _spectra(found)
     with _likelihood():
-        best = posterior(spectra, variances, model.offset(), model.precision())
-    return _evaluation(model, found, spectra, variances, best)
+        best = posterior(spectra, variances, found.model.offset(), found.model.precision())
+    return _evaluation(found, spectra, variances, best)
 
 
 def rejudged(at: Evaluation) -> Evaluation:
@@ -242,25 +228,25 @@ def rejudged(at: Evaluation) -> Evaluation:
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
-    simulated = Simulated(at.fields, at.err, at.predicted)
-    return replace(_fitted(at.model, simulated, at.spectra, at.variances), derived=at.derived)
+    return replace(_fitted(at, at.spectra, at.variances), derived=at.derived)
 
 
 def _fitted(
-    model: ParametricModel, found: Simulated, spectra: tuple[Spectrum, ...],
-    start: Sequence[Variances] | None,
-) -> Evaluation:  # fmt: skip
+    found: Simulated, spectra: tuple[Spectrum, ...], start: Sequence[Variances] | None
+) -> Evaluation:
     """An evaluation with variances that are fitted to what it leaves."""
+    model = found.model
     with _likelihood():
         variances, best = fit_variances(
             spectra, model.offset(), model.precision(), model.settings.rod.length, start
         )
-    return _evaluation(model, found, spectra, variances, best)
+    return _evaluation(found, spectra, variances, best)
 
 
-def _spectra(model: ParametricModel, found: Simulated) -> tuple[Spectrum, ...]:
+def _spectra(found: Simulated) -> tuple[Spectrum, ...]:
     """Normal equations of each recording."""
-    return tuple(spectrum(r, j, model.settings.rod.control_points) for r, j in found.fields)
+    n = found.model.settings.rod.control_points
+    return tuple(spectrum(r, j, n) for r, j in found.fields)
 
 
 @contextmanager
@@ -273,13 +259,15 @@ def _likelihood() -> Iterator[None]:
 
 
 def _evaluation(
-    model: ParametricModel, found: Simulated, spectra: tuple[Spectrum, ...],
-    variances: tuple[Variances, ...], best: Posterior,
+    found: Simulated, spectra: tuple[Spectrum, ...], variances: tuple[Variances, ...],
+    best: Posterior,
 ) -> Evaluation:  # fmt: skip
     """An evaluation whose likelihood is finite."""
     if not np.isfinite(best.evidence):
         raise SimulationError(BOUNDLESS)
-    return Evaluation(model, found.fields, spectra, variances, best, found.err, found.predicted)
+    return Evaluation(
+        found.model, found.fields, found.err, found.predicted, spectra, variances, best
+    )
 
 
 def restricted(at: Evaluation, names: Sequence[str]) -> Posterior:
@@ -290,26 +278,6 @@ def restricted(at: Evaluation, names: Sequence[str]) -> Posterior:
         at.model.precision()[pick], at.model.settings.rod.length, at.variances,
     )  # fmt: skip
     return found
-
-
-def weights(at: Evaluation, white: bool) -> list[FloatArray]:
-    """Inverse variance of each bin of each recording.
-
-    Args:
-        white: whether all that is left counts as white noise.
-    """
-    if not white:
-        return [1.0 / v.of(s) for s, v in zip(at.spectra, at.variances, strict=True)]
-    squares = sum(float(s.sum_of_squares.sum()) for s in at.spectra)
-    count = sum(float(s.count.sum()) for s in at.spectra)
-    return [np.full(len(s.count), count / squares) for s in at.spectra]
-
-
-def misfit(at: Evaluation, judge: Evaluation, *, white: bool = False) -> float:
-    """Minus the log posterior of a model's values, with another's variances."""
-    pairs = zip(at.spectra, weights(judge, white), strict=True)
-    value = sum(float(s.sum_of_squares @ w) for s, w in pairs)
-    return 0.5 * (value + float(at.model.precision() @ at.model.offset() ** 2))
 
 
 def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]) -> Evaluation:
@@ -327,7 +295,7 @@ def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Record
     fields = tuple(
         (r, j[: len(r), pick]) for (r, _), (_, j) in zip(found.fields, at.fields, strict=True)
     )
-    return replace(compared(model, replace(found, fields=fields), at.variances), derived=False)
+    return replace(compared(replace(found, fields=fields), at.variances), derived=False)
 
 
 def linearly_fitted(at: Evaluation) -> Evaluation:
@@ -337,7 +305,7 @@ def linearly_fitted(at: Evaluation) -> Evaluation:
     step = model.theta() - at.model.theta()  # within ranges
     fields = moved(at.fields, step)
     err = tuple(np.linalg.norm(r, axis=1) for r, _ in fields)
-    return judged(model, Simulated(fields, err, at.predicted))
+    return judged(Simulated(model, fields, err, at.predicted))
 
 
 def as_fine(settings: Settings, recording: Recording) -> Settings:

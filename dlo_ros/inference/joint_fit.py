@@ -11,14 +11,12 @@ import numpy as np
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import (
     Evaluation,
-    Simulated,
     borrowed,
     compared,
     evaluate,
-    misfit,
     rejudged,
-    weights,
 )
+from dlo_ros.inference.losses import CONVERGED, CORRELATED, WHITE, Loss, misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.spline import FloatArray
@@ -31,10 +29,6 @@ MARQUARDT_DAMPING, HARDER, EASIER = 1e-4, 30.0, 0.1
 """Marquardt's damping at first, and what a failed and a good step make of it."""
 GOOD, POOR = 0.75, 0.25
 """Gain over the expected one, above and below which the damping is eased and made harder."""
-CONVERGED = 0.5
-"""Gain of the log posterior at which a fit ends."""
-WHITE_CONVERGED = 0.05
-"""Gain over the whole misfit, at which a fit ends that takes all that is left for white noise."""
 DAMPED = 1.0
 """Marquardt's damping, above which the gain of a step is small because the step is: of what is left
 to gain it tells nothing."""
@@ -49,34 +43,33 @@ SECANTS = 3
 
 
 def fit(
-    start: Evaluation, recordings: Sequence[Recording], iterations: int, *, white: bool = False,
-    draft: bool = False,
+    start: Evaluation, recordings: Sequence[Recording], iterations: int, *,
+    loss: Loss = CORRELATED, draft: bool = False,
 ) -> Evaluation:  # fmt: skip
-    """Levenberg-Marquardt with variances that are fitted anew in each iteration.
+    """Levenberg-Marquardt, with variances that are fitted anew in each iteration.
 
     Derivatives cost several simulations: they are kept as long as they predict what a step gains,
     and corrected by what a step did where they nearly do.
 
     Args:
-        white: whether all that is left counts as white noise: far from the optimum a fit must not
-            take for an error of the model what its parameters can explain.
+        loss: what is minimised; far from the optimum a fit must not take for an error of the model
+            what its parameters can explain, and all that is left is better white noise.
         draft: whether derivatives that predicted the last steps will do for the result, which is
             then fitted further, or compared with others that are far off.
     """
     at, way, secants = start, _Way(MARQUARDT_DAMPING, LONGEST_STEP), 0
     settings = start.model.settings
     immaterial = settings.diagnosis.material_err * settings.rod.length
-    most = np.inf if white else FARTHER * (start.mean_err + immaterial)
+    most = FARTHER * (start.mean_err + immaterial) if loss.fits_variances else np.inf
     for _ in range(iterations):
         derived = at.derived
-        found = _improved(at, recordings, way, white, TRIES if derived else 1, most)
+        found = _improved(at, recordings, way, loss, TRIES if derived else 1, most)
         way, sure = found.way, derived or found.gain_predicted
         if found.at is None and derived:
             break
         before = at
         if found.at is not None:
-            gain = _gain(at, found.at, white)
-            least = WHITE_CONVERGED * misfit(at, at, white=white) if white else CONVERGED
+            gain, least = _gain(at, found.at, loss), loss.least_gain(at)
             at = found.at
             if gain < least and sure and way.damping < DAMPED:
                 break
@@ -85,7 +78,7 @@ def fit(
                 at, secants = _differentiated(at, recordings), 0
                 continue
             at, secants = _corrected(before, at), secants + 1
-        if not white:
+        if loss.fits_variances:
             at = _rejudged(at)
     if at.derived:
         return at
@@ -102,7 +95,7 @@ def approached(start: Evaluation, recordings: Sequence[Recording], steps: int) -
     """
     at, way = start, _Way(MARQUARDT_DAMPING, LONGEST_STEP)
     for _ in range(steps):
-        found = _improved(at, recordings, way, True, TRIES, np.inf)
+        found = _improved(at, recordings, way, WHITE, TRIES, np.inf)
         if found.at is None:
             break
         at, way = _corrected(at, found.at), found.way
@@ -140,7 +133,7 @@ def _corrected(before: Evaluation, at: Evaluation) -> Evaluation:
         missed = r0 - r1 - np.einsum("fpk,p->fk", j, step)
         fields.append((r1, j + along[:, None] * missed[:, None, :]))
     try:
-        found = compared(at.model, Simulated(tuple(fields), at.err, at.predicted), at.variances)
+        found = compared(replace(at, fields=tuple(fields)), at.variances)
     except SimulationError:
         return at
     return replace(found, derived=False)
@@ -153,13 +146,13 @@ def _unit(model: ParametricModel) -> FloatArray:
 
 def settled(start: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
     """The fit of a model from far away: as if errors were white, then with correlated ones."""
-    near = fit(start, recordings, WHITE_ITERATIONS, white=True, draft=True)
+    near = fit(start, recordings, WHITE_ITERATIONS, loss=WHITE, draft=True)
     return fit(near, recordings, ITERATIONS)
 
 
-def _gain(before: Evaluation, after: Evaluation, white: bool) -> float:
+def _gain(before: Evaluation, after: Evaluation, loss: Loss) -> float:
     """Gain of the log posterior with the variances from before."""
-    return misfit(before, before, white=white) - misfit(after, before, white=white)
+    return misfit(before, before, loss) - misfit(after, before, loss)
 
 
 @dataclass(frozen=True)
@@ -186,13 +179,12 @@ class _Improvement:
 
 
 def _improved(
-    at: Evaluation, recordings: Sequence[Recording], way: _Way, white: bool, tries: int,
+    at: Evaluation, recordings: Sequence[Recording], way: _Way, loss: Loss, tries: int,
     most: float,
 ) -> _Improvement:  # fmt: skip
     model, precision = at.model, at.model.precision()
-    lhs, rhs = np.diag(precision), precision * model.offset()
-    for s, w in zip(at.spectra, weights(at, white), strict=True):
-        lhs, rhs = lhs + np.einsum("b,bpq->pq", w, s.hessian), rhs + w @ s.gradient
+    hessian, gradient = loss.normal_equations(at)
+    lhs, rhs = hessian + np.diag(precision), gradient + precision * model.offset()
     theta, damping = model.theta(), way.damping
     unit = _unit(model)
     for _ in range(tries):
@@ -205,7 +197,7 @@ def _improved(
         except SimulationError:
             damping *= HARDER
             continue
-        ratio = _gain(at, trial, white) / _expected(step, lhs, rhs)
+        ratio = _gain(at, trial, loss) / _expected(step, lhs, rhs)
         if trial.mean_err > most:
             ratio = 0.0
         if ratio > GOOD:

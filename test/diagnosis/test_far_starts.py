@@ -12,8 +12,8 @@ from dlo_ros.diagnosis.explain.joint_explanation import prepare
 from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.identification.estimate import searchable
-from dlo_ros.inference.joint import misfit
 from dlo_ros.inference.joint_fit import fit
+from dlo_ros.inference.losses import WHITE, misfit
 from dlo_ros.parameters import Settings
 from dlo_ros.synthesis.experiment import read_experiment
 from dlo_ros.synthesis.synthesize import synthesize
@@ -92,7 +92,7 @@ def test_a_heavy_weight_is_found_with_the_stiffness_that_goes_with_it(cable, req
 
 def test_a_fit_with_correlated_errors_does_not_leave_the_shapes(turning):
     """From the set-up's fit as if errors were white, whose residual no value of it explains."""
-    white = fit(turning.setup, turning.recordings, 12, white=True)
+    white = fit(turning.setup, turning.recordings, 12, loss=WHITE)
     found = fit(white, turning.recordings, 12)
     settings = white.model.settings
     immaterial = settings.diagnosis.material_err * settings.rod.length

@@ -1,6 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Fits of the joint model: steps with derivatives from elsewhere, and their limits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from experiment_recordings import fitted_set_up
@@ -8,7 +10,8 @@ from experiment_recordings import fitted_set_up
 from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference import joint, joint_fit
-from dlo_ros.inference.joint import Simulated, borrowed, judged, simulate
+from dlo_ros.inference.joint import borrowed, judged, simulate
+from dlo_ros.inference.losses import CORRELATED, WHITE
 from dlo_ros.inference.priors import cause_priors
 
 ANGLE = "effects.clamp_angle.start"
@@ -53,7 +56,7 @@ def test_derivatives_beyond_all_bounds_are_a_failed_simulation(fitted, size):
         np.errstate(over="ignore", invalid="ignore"),
         pytest.raises(SimulationError, match="derivatives of the simulation grow"),
     ):
-        judged(at.model, Simulated(steep, at.err, at.predicted))
+        judged(replace(at, fields=steep))
 
 
 def test_where_derivatives_grow_beyond_what_a_step_could_do_there_are_differences(
@@ -113,10 +116,10 @@ def test_a_draft_needs_no_derivatives_at_its_end(fitted, monkeypatch):
     assert draft.mean_err < near.mean_err
 
 
-@pytest.mark.parametrize("white", [True, False])
-def test_a_small_gain_of_a_damped_step_ends_no_fit(fitted, monkeypatch, white):
+@pytest.mark.parametrize("loss", [WHITE, CORRELATED])
+def test_a_small_gain_of_a_damped_step_ends_no_fit(fitted, monkeypatch, loss):
     at, recordings = fitted
     far = borrowed(at, moved_by(at, ANGLE, 0.1), recordings)
     monkeypatch.setattr(joint_fit, "MARQUARDT_DAMPING", 1e3)
-    found = joint_fit.fit(far, recordings, 12, white=white)
+    found = joint_fit.fit(far, recordings, 12, loss=loss)
     assert found.mean_err < at.mean_err + 0.1 * far.mean_err

@@ -22,6 +22,7 @@ from dlo_ros.inference.joint import (
     simulate,
 )
 from dlo_ros.inference.joint_fit import approached, fit
+from dlo_ros.inference.losses import WHITE
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.spline import FloatArray
@@ -207,7 +208,7 @@ def _with_columns(at: Evaluation, predicted: PredictedGain) -> Evaluation:
     # Of other parameters no derivative is known yet: a column of zeros stands behind the others.
     place = [names.index(n) if n in names else len(names) for n in model.names]
     known = tuple((r, np.pad(j, ((0, 0), (0, 1), (0, 0)))[:, place]) for r, j in fields)
-    return compared(model, Simulated(known, at.err, at.predicted), at.variances)
+    return compared(Simulated(model, known, at.err, at.predicted), at.variances)
 
 
 def _held(model: ParametricModel, known: Collection[str]) -> ParametricModel:
@@ -311,7 +312,7 @@ def fitted(
     try:
         begin = evaluate(model, recordings)
         if far:
-            begin = fit(begin, recordings, iterations, white=True, draft=True)
+            begin = fit(begin, recordings, iterations, loss=WHITE, draft=True)
         return fit(begin, recordings, iterations, draft=draft)
     except SimulationError as err:
         LOG.info("not fitted: %s", err)

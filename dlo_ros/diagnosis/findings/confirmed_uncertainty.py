@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, borrowed, misfit
+from dlo_ros.inference.joint import Evaluation, borrowed
+from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.spline import FloatArray
 

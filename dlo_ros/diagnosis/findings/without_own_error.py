@@ -17,7 +17,7 @@ import numpy as np
 from dlo_ros.diagnosis.findings.joint_learning import FINAL_ITERATIONS
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.offline.gauss_newton import STEP_COARSER
-from dlo_ros.inference.joint import Evaluation, Simulated, compared, field, simulate
+from dlo_ros.inference.joint import Evaluation, compared, field, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
@@ -85,5 +85,5 @@ def _compared_with(
         (field(recording, coarse, None, np.zeros(0))[0], jacobian)
         for recording, coarse, (_, jacobian) in zip(adjusted, at.predicted, at.fields, strict=True)
     )
-    found = Simulated(fields, at.err, at.predicted)
-    return replace(compared(at.model, found, at.variances), derived=at.derived), adjusted
+    found = compared(replace(at, fields=fields), at.variances)
+    return replace(found, derived=at.derived), adjusted

@@ -148,7 +148,7 @@ def suspects(past: Manipulation, settings: Settings, spans: int, noise: float) -
     view = scene(settings, imposed_names([past]), [recording.observed])
     model = _model(recording, settings, view)
     yield LONG
-    at = judged(model, (yield from simulated(model, recording, model.names, AT_ONCE)))
+    at = judged((yield from simulated(model, recording, model.names, AT_ONCE)))
     yield LONG
     plain, joint = _bare(at)
     fitted = linearly_fitted(at)

@@ -25,12 +25,12 @@ from dlo_ros.inference.joint import (
     Evaluation,
     borrowed,
     evaluate,
-    misfit,
     rejudged,
     restricted,
     simulate,
 )
 from dlo_ros.inference.joint_fit import ITERATIONS, fit, settled
+from dlo_ros.inference.losses import WHITE, misfit
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
@@ -146,11 +146,11 @@ def _best_valley(at: Evaluation, start: Evaluation, recordings: Sequence[Recordi
         theta[start.model.index("young_modulus")] += np.log(factor)
         try:
             found = evaluate(start.model.at(theta), recordings)
-            found = fit(found, recordings, VALLEY_ITERATIONS, white=True)
+            found = fit(found, recordings, VALLEY_ITERATIONS, loss=WHITE)
         except SimulationError as err:
             LOG.info("from %g times E: %s", factor, err)
             continue
-        if misfit(found, best, white=True) < BETTER * misfit(best, best, white=True):
+        if misfit(found, best, WHITE) < BETTER * misfit(best, best, WHITE):
             best = settled(found, recordings)
     return best
 
