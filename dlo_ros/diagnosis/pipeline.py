@@ -21,22 +21,19 @@ from dlo_ros.diagnosis.findings.joint_learning import (
 )
 from dlo_ros.diagnosis.findings.joint_outcome import joint_outcome
 from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
-from dlo_ros.diagnosis.fitting.initial_fit import Beginning, begin, drafts, finer
-from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit
-from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
-from dlo_ros.diagnosis.fitting.plain_model import PlainModel
+from dlo_ros.diagnosis.fitting.initial_fit import Beginning, begin, drafts, finer, fitted
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.joint import Evaluation, simulate
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)
 
 Progress = Callable[[str, float], None]
 
-ALONE = 10
-"""Iterations of the plain model's fit to the recordings that may be learned from."""
 MISSED = 0.8
 """ERR over the plain model's, below which another plain model takes its place."""
 
@@ -86,7 +83,7 @@ def diagnose(
 
 def _explained(
     beginning: Beginning, count: int, given: Settings, progress: Progress
-) -> tuple[PlainEvaluation, Learned]:
+) -> tuple[Evaluation, Learned]:
     """The plain model fitted to the first `count` recordings, and their explanation.
 
     It is learned from all of them where the one that is held out shows what the others do not.
@@ -114,7 +111,7 @@ def _explained(
 
 
 def _met(
-    rough: Callable[[], Sequence[Recording]], plain: PlainEvaluation, begun: TrainingSet,
+    rough: Callable[[], Sequence[Recording]], plain: Evaluation, begun: TrainingSet,
     given: Settings, progress: Progress,
 ) -> list[ContactBesideSetUp]:  # fmt: skip
     """Pegs and walls that the DLO may have hit, where the set-up alone leaves an ERR that matters.
@@ -129,7 +126,7 @@ def _met(
     return contacts_beside_set_up(rough(), given, plain, begun.prepared.scene)
 
 
-def _learned(beginning: Beginning, count: int, given: Settings) -> PlainEvaluation:
+def _learned(beginning: Beginning, count: int, given: Settings) -> Evaluation:
     """The plain model fitted to the first `count` recordings, from which all may be learned.
 
     The initial fit has seen the others, too: from all recordings a starting point is found that
@@ -138,11 +135,10 @@ def _learned(beginning: Beginning, count: int, given: Settings) -> PlainEvaluati
     if count == len(beginning.recordings):
         return beginning.at
     learned = beginning.recordings[:count]
-    here = evaluate(beginning.at.model, learned, given)
-    return fit(here, learned, given, ALONE)
+    return fitted(beginning.at.model, learned)
 
 
-def _like(plain: PlainEvaluation, found: Learned) -> PlainModel:
+def _like(plain: Evaluation, found: Learned) -> ParametricModel:
     """The plain model with the material and damping of an explanation."""
     there = found.explanation.at.model.settings
     here = plain.model.settings
@@ -152,8 +148,8 @@ def _like(plain: PlainEvaluation, found: Learned) -> PlainModel:
 
 
 def _better_plain_model(
-    plain: PlainEvaluation, found: Learned, beginning: Beginning, given: Settings
-) -> PlainModel | None:
+    plain: Evaluation, found: Learned, beginning: Beginning, given: Settings
+) -> ParametricModel | None:
     """A plain model that does better than the fitted one, whose fit had ended in a wrong minimum.
 
     What was found may have led out of that minimum.
@@ -161,14 +157,14 @@ def _better_plain_model(
     model = _like(plain, found)
     recordings = beginning.recordings[: len(plain.err)]
     try:
-        at = evaluate(model, recordings, given, derivatives=False)
+        at = simulate(model, recordings, ())
     except SimulationError:
         return None
     return model if at.mean_err < MISSED * plain.mean_err else None
 
 
 def _sharper(
-    plain: PlainEvaluation, found: Learned, beginning: Beginning, given: Settings
+    plain: Evaluation, found: Learned, beginning: Beginning, given: Settings
 ) -> Beginning | None:
     """The initial fit with simulations that are fine enough for an explanation.
 
@@ -180,7 +176,7 @@ def _sharper(
     """
     near = replace(plain.model, settings=found.explanation.at.model.settings)
     try:
-        return finer(beginning, near, found.drafts, given)
+        return finer(beginning, near, found.drafts)
     except SimulationError as err:
         LOG.info("not refined: %s", err)
         return None

@@ -52,6 +52,12 @@ class Simulated:
         """Mean over recordings of the time mean of eq. (10) [m]."""
         return float(np.mean([e.mean() for e in self.err]))
 
+    def of(self, chosen: Sequence[int]) -> Simulated:
+        """The simulation of some of the recordings."""
+        fields, err = (self.fields[k] for k in chosen), (self.err[k] for k in chosen)
+        predicted = (self.predicted[k] for k in chosen)
+        return Simulated(self.model, tuple(fields), tuple(err), tuple(predicted))
+
 
 @dataclass(frozen=True)
 class Evaluation(Simulated):

@@ -185,11 +185,11 @@ def _improved(
     model, precision = at.model, at.model.precision()
     hessian, gradient = loss.normal_equations(at)
     lhs, rhs = hessian + np.diag(precision), gradient + precision * model.offset()
-    theta, damping = model.theta(), way.damping
+    theta, damping, least = model.theta(), way.damping, min(CONVERGED, loss.least_gain(at))
     unit = _unit(model)
     for _ in range(tries):
         step = np.asarray(np.linalg.solve(lhs + damping * np.diag(np.diag(lhs)), rhs))
-        if _expected(step, lhs, rhs) < CONVERGED:
+        if _expected(step, lhs, rhs) < least:
             break
         step *= min(1.0, way.longest / float(np.max(np.abs(step) / unit)))
         try:

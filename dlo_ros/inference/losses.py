@@ -9,12 +9,14 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from dlo_ros.inference.joint import Evaluation
-from dlo_ros.inference.spectrum import Spectrum
+from dlo_ros.inference.joint import Evaluation, Field, Simulated
 from dlo_ros.spline import FloatArray
 
 CONVERGED = 0.5
-"""Gain of the log posterior at which a fit ends."""
+"""Gain of the log posterior at which a fit ends whose result is compared with others."""
+CONVERGED_TO_REPORT = 0.01
+"""The same of numbers that are reported: with a gain of a half a number may be one standard
+deviation from its best value, with this one a seventh."""
 WHITE_CONVERGED = 0.05
 """Gain over the whole misfit, at which a fit ends that takes all that is left for white noise."""
 ROBUST_CONVERGED = 0.01
@@ -40,45 +42,67 @@ class Loss(Protocol):
 
 @dataclass(frozen=True)
 class CorrelatedLoss:
-    """Errors are correlated as their variances say (`dlo_ros.inference.variances`)."""
+    """Errors are correlated as their variances say (`dlo_ros.inference.variances`).
 
+    Args:
+        converged: gain of the log posterior at which a fit ends.
+    """
+
+    converged: float = CONVERGED
     fits_variances: ClassVar[bool] = True
 
     def normal_equations(self, at: Evaluation) -> tuple[FloatArray, FloatArray]:
         """See `Loss`."""
-        return _weighted(at.spectra, _inverse_variances(at))
+        pairs = [(1.0 / v.of(s), s) for s, v in zip(at.spectra, at.variances, strict=True)]
+        hessian = sum(np.einsum("b,bpq->pq", w, s.hessian) for w, s in pairs)
+        return np.asarray(hessian), np.asarray(sum(w @ s.gradient for w, s in pairs))
 
     def value(self, at: Evaluation, reference: Evaluation) -> float:
         """See `Loss`."""
-        return _half_sum(at.spectra, _inverse_variances(reference))
+        pairs = zip(at.spectra, reference.spectra, reference.variances, strict=True)
+        return 0.5 * sum(float(s.sum_of_squares @ (1.0 / v.of(r))) for s, r, v in pairs)
 
     def least_gain(self, at: Evaluation) -> float:
         """See `Loss`."""
-        return CONVERGED
+        return self.converged
 
 
 @dataclass(frozen=True)
 class WhiteLoss:
-    """All that is left counts as white noise of one variance.
+    """All that is left counts as white noise, whose size it tells itself.
 
     Args:
+        noise: relative standard deviation of each coefficient, shape (K,), of each recording; None:
+            all are alike.
         converged: gain over the misfit at which a fit ends.
     """
 
+    noise: Sequence[FloatArray] | None = None
     converged: float = WHITE_CONVERGED
     fits_variances: ClassVar[bool] = False
 
     def normal_equations(self, at: Evaluation) -> tuple[FloatArray, FloatArray]:
         """See `Loss`."""
-        return _weighted(at.spectra, _inverse_variance(at))
+        fields, (squares, count) = self._fields(at), self._squares(at)
+        hessian, gradient = _summed(fields, [np.ones(len(r)) for r, _ in fields])
+        return hessian * count / squares, gradient * count / squares
 
     def value(self, at: Evaluation, reference: Evaluation) -> float:
         """See `Loss`."""
-        return _half_sum(at.spectra, _inverse_variance(reference))
+        squares, count = self._squares(reference)
+        return 0.5 * count * self._squares(at)[0] / squares
 
     def least_gain(self, at: Evaluation) -> float:
         """See `Loss`."""
         return self.converged * misfit(at, at, self)
+
+    def _fields(self, at: Evaluation) -> list[Field]:
+        return list(at.fields) if self.noise is None else _in_units(at.fields, self.noise)
+
+    def _squares(self, at: Evaluation) -> tuple[float, int]:
+        """Sum of squared residuals, and their number."""
+        residuals = [r for r, _ in self._fields(at)]
+        return sum(float(np.sum(r**2)) for r in residuals), sum(r.size for r in residuals)
 
 
 @dataclass(frozen=True)
@@ -92,46 +116,43 @@ class RobustLoss:
             start near the right fit.
     """
 
-    noise: tuple[FloatArray, ...]
+    noise: Sequence[FloatArray]
     scale: float
     redescending: bool = False
     fits_variances: ClassVar[bool] = False
 
     def normal_equations(self, at: Evaluation) -> tuple[FloatArray, FloatArray]:
         """See `Loss`."""
-        size = len(at.model.parameters)
-        hessian, gradient = np.zeros((size, size)), np.zeros(size)
-        for (r, j), noise, beyond in zip(at.fields, self.noise, self.squares(at), strict=True):
-            root = 1.0 / (1.0 + beyond) ** (1.0 if self.redescending else 0.5)
-            rows = (j * (root[:, None] / noise)[:, None]).transpose(0, 2, 1).reshape(-1, size)
-            hessian += rows.T @ rows
-            gradient += rows.T @ (r * root[:, None] / noise).ravel()
-        return hessian, gradient
+        weights = [1.0 / (1.0 + s) ** (2 if self.redescending else 1) for s in self.squares(at)]
+        return _summed(_in_units(at.fields, self.noise), weights)
 
     def value(self, at: Evaluation, reference: Evaluation) -> float:
         """See `Loss`."""
-        counts = [len(n) * self.scale**2 for n in self.noise]
-        losses = map(self.of_pictures, self.squares(at))
-        return 0.5 * sum(c * loss for c, loss in zip(counts, losses, strict=True))
+        sizes = [0.5 * len(noise) * self.scale**2 for noise in self.noise]
+        return sum(n * self._of(s) for n, s in zip(sizes, self.squares(at), strict=True))
 
     def least_gain(self, at: Evaluation) -> float:
         """See `Loss`."""
         return ROBUST_CONVERGED * self.value(at, at)
 
-    def squares(self, at: Evaluation) -> list[FloatArray]:
+    def squares(self, at: Simulated) -> list[FloatArray]:
         """Mean square of each picture's residual over the squared scale, shape (F,) each."""
-        return [
-            np.mean((r / noise) ** 2, axis=1) / self.scale**2
-            for (r, _), noise in zip(at.fields, self.noise, strict=True)
-        ]
+        fields = _in_units(at.fields, self.noise)
+        return [np.mean(r**2, axis=1) / self.scale**2 for r, _ in fields]
 
-    def of_pictures(self, squares: FloatArray) -> float:
-        """The loss of some pictures, in units of that of one which is right."""
+    def of_pictures(self, at: Simulated) -> float:
+        """The loss in units of that of a picture which is right; of outliers nearly their number
+        where they count for nothing.
+        """
+        return sum(map(self._of, self.squares(at)))
+
+    def _of(self, squares: FloatArray) -> float:
         each = squares / (1.0 + squares) if self.redescending else np.log1p(squares)
         return float(np.sum(each))
 
 
 CORRELATED, WHITE = CorrelatedLoss(), WhiteLoss()
+TO_REPORT = CorrelatedLoss(CONVERGED_TO_REPORT)
 
 
 def misfit(at: Evaluation, reference: Evaluation, loss: Loss = CORRELATED) -> float:
@@ -140,28 +161,24 @@ def misfit(at: Evaluation, reference: Evaluation, loss: Loss = CORRELATED) -> fl
     return loss.value(at, reference) + 0.5 * prior
 
 
-def _inverse_variances(at: Evaluation) -> list[FloatArray]:
-    """Inverse variance of each bin of each recording."""
-    return [1.0 / v.of(s) for s, v in zip(at.spectra, at.variances, strict=True)]
+def _in_units(fields: Sequence[Field], noise: Sequence[FloatArray]) -> list[Field]:
+    """Residuals and derivatives in units of each coefficient's noise."""
+    return [(r / n, j / n) for (r, j), n in zip(fields, noise, strict=True)]
 
 
-def _inverse_variance(at: Evaluation) -> list[FloatArray]:
-    """That of everything together, for each bin of each recording."""
-    squares = sum(float(s.sum_of_squares.sum()) for s in at.spectra)
-    count = sum(float(s.count.sum()) for s in at.spectra)
-    return [np.full(len(s.count), count / squares) for s in at.spectra]
-
-
-def _weighted(
-    spectra: Sequence[Spectrum], weights: Sequence[FloatArray]
+def _summed(
+    fields: Sequence[Field], weights: Sequence[FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """Sum of the normal equations of all bins."""
-    pairs = list(zip(spectra, weights, strict=True))
-    hessian = sum(np.einsum("b,bpq->pq", w, s.hessian) for s, w in pairs)
-    return np.asarray(hessian), np.asarray(sum(w @ s.gradient for s, w in pairs))
+    """Normal equations of all recordings.
 
-
-def _half_sum(spectra: Sequence[Spectrum], weights: Sequence[FloatArray]) -> float:
-    """Half the weighted sum of squares."""
-    pairs = zip(spectra, weights, strict=True)
-    return 0.5 * sum(float(s.sum_of_squares @ w) for s, w in pairs)
+    Args:
+        weights: weight of each picture, shape (F,) each.
+    """
+    size = fields[0][1].shape[1]
+    hessian, gradient = np.zeros((size, size)), np.zeros(size)
+    for (residual, jacobian), weight in zip(fields, weights, strict=True):
+        rows = jacobian.transpose(0, 2, 1)
+        weighted = (rows * weight[:, None, None]).reshape(-1, size)
+        hessian += weighted.T @ rows.reshape(-1, size)
+        gradient += weighted.T @ residual.ravel()
+    return hessian, gradient

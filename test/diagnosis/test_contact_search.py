@@ -16,10 +16,11 @@ from dlo_ros.diagnosis.contact.contact_search import contacts_beside_set_up, pla
 from dlo_ros.diagnosis.contact.peg_places import SLACK, STATIONS, Sight, apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import _beginnings
 from dlo_ros.diagnosis.contact.wall_places import TouchedWall, beside, tangent, walls
-from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts
-from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
-from dlo_ros.diagnosis.fitting.plain_evaluation import evaluate
+from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts, whitened
 from dlo_ros.diagnosis.residuals.residual_autocovariance import root_autocovariance
+from dlo_ros.effects import Start
+from dlo_ros.inference.joint import simulate
+from dlo_ros.inference.priors import cause_priors
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import SplineBasis
@@ -142,9 +143,8 @@ def test_a_hidden_wall_beside_which_the_rope_bounces_is_found(tmp_path):
     settings = Settings.load(tmp_path / "params.yaml")
     beginning = begin([load_manipulation(bag, settings) for bag in bags], settings)
     begun = next(c for c in looked_for(settings, beginning) if c.start.effect == "wall")
-    model = replace(beginning.at.model, settings=begun.before.settings)
-    model = model.extended("wall", begun.start.block, begun.start.fitted)
-    there = evaluate(model, beginning.recordings, settings, derivatives=False)
+    model = begun.before.extended("wall", begun.start.block, ())
+    there = simulate(model, beginning.recordings, ())
     plain = beginning.at
     hit = int(np.argmax([e.mean() for e in plain.err]))
     assert there.err[hit].mean() < 0.15 * plain.err[hit].mean()
@@ -183,12 +183,10 @@ def test_what_goes_astray_without_meeting_anything_is_no_peg():
 def test_a_recording_counts_up_to_where_it_goes_astray():
     times = np.arange(31) / 30.0
     whole = SimpleNamespace(times=times, until=lambda stop: ("until", stop))
-    squared_misfits = np.zeros(
-        30, dtype=bool
-    )  # the first picture begins the motion, and is not compared
-    late, early = squared_misfits.copy(), squared_misfits.copy()
+    right = np.zeros(30, dtype=bool)  # the first picture begins the motion, and is not compared
+    late, early = right.copy(), right.copy()
     late[20:], early[5:] = True, True
-    recordings, wrong = [whole] * 3, [squared_misfits, late, early]
+    recordings, wrong = [whole] * 3, [right, late, early]
     assert _beginnings(recordings, wrong, 0.0) == [("until", 31), ("until", 21)]
     # What is wrong from the beginning on may be gripped as no other recording is.
     assert _beginnings(recordings, wrong, 0.5) == [("until", 31), ("until", 21), ("until", 16)]
@@ -223,11 +221,11 @@ def test_a_hidden_peg_is_found_where_it_stands(hidden):
     # The rope touches it on one side: its near edge is known best.
     gap = np.hypot(block["x"] - peg["x"], block["z"] - peg["z"])
     assert gap < abs(block["radius"] - peg["radius"]) + 0.006
-    model = replace(at.model, settings=begun.before.settings)
-    model = model.extended("obstacle", block, begun.start.fitted)
-    there = evaluate(model, beginning.recordings, settings, derivatives=False)
-    assert root_autocovariance(at.residuals) > 10.0
-    assert root_autocovariance(there.residuals) < 0.1 * root_autocovariance(at.residuals)
+    there = simulate(begun.before.extended("obstacle", block, ()), beginning.recordings, ())
+    before, after = (
+        root_autocovariance(whitened(e, beginning.recordings)) for e in (at, there)
+    )  # fmt: skip
+    assert before > 10.0 and after < 0.1 * before
     known = replace(at, model=at.model.extended("obstacle", peg, ()))
     assert looked_for(settings, replace(beginning, at=known)) == []
 
@@ -260,10 +258,11 @@ def test_a_peg_that_does_not_help_is_not_fitted(hidden, monkeypatch):
 @pytest.mark.long
 def test_where_a_peg_is_not_touched_its_place_does_not_matter(hidden):
     settings, beginning, peg = hidden
-    model = beginning.at.model.extended("obstacle", peg, tuple(peg))
-    at = attempt(model, beginning.recordings, settings, 0)
-    columns = [model.free.index(f"effects.obstacle.{key}") for key in peg]
-    sizes = [np.abs(j[:, columns]).max() for j in at.jacobians]
-    own = [np.abs(j[:, 0]).max() for j in at.jacobians]
+    parameters, _ = cause_priors(settings, Start("obstacle", peg, (), tuple(peg), neutral=False))
+    model = beginning.at.model.extended("obstacle", peg, parameters)
+    jacobians = [j for _, j in simulate(model, beginning.recordings).fields]
+    columns = [model.index(f"effects.obstacle.{key}") for key in peg]
+    sizes = [np.abs(j[:, columns]).max() for j in jacobians]
+    own = [np.abs(j[:, 0]).max() for j in jacobians]
     assert min(sizes) == 0.0 < max(sizes)
     assert min(own) > 0.0

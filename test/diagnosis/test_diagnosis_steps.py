@@ -9,11 +9,10 @@ from measured import swing
 from rods import KNOWN, PAPER
 
 from dlo_ros.diagnosis.findings.joint_learning import training_set
-from dlo_ros.diagnosis.fitting import plain_evaluation
-from dlo_ros.diagnosis.fitting.initial_fit import UNDAMPED, begin, drafts, finer
-from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit
-from dlo_ros.diagnosis.fitting.plain_evaluation import evaluate
-from dlo_ros.errors import SimulationError
+from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts, finer, fitted, whitened
+from dlo_ros.inference import joint_fit
+from dlo_ros.inference.joint import simulate
+from dlo_ros.inference.losses import WhiteLoss
 
 pytestmark = pytest.mark.long
 
@@ -27,9 +26,9 @@ def test_a_coarse_trial_agrees_where_it_begins(beginning, monkeypatch):
     monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.DRAFT_ERROR", 50.0)
     at = beginning.at
     tried = drafts(beginning.recordings, at)
-    coarse = evaluate(at.model, tried, KNOWN, derivatives=False)
+    coarse = whitened(simulate(at.model, tried, ()), tried)
     for draft, fine, here, there in zip(
-        tried, beginning.recordings, coarse.residuals, at.residuals, strict=True
+        tried, beginning.recordings, coarse, whitened(at, beginning.recordings), strict=True
     ):
         assert draft.tolerance > fine.tolerance
         assert not np.allclose(draft.observed, fine.observed, rtol=0.0, atol=1e-6)
@@ -48,7 +47,8 @@ def test_long_recordings_are_tried_in_part(beginning, monkeypatch):
     monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.LEAST_FRAMES", 5)
     at = beginning.at
     tried = drafts(beginning.recordings, at)
-    for draft, whole, residual in zip(tried, beginning.recordings, at.residuals, strict=True):
+    residuals = whitened(at, beginning.recordings)
+    for draft, whole, residual in zip(tried, beginning.recordings, residuals, strict=True):
         count = len(draft.times)
         assert 10 <= count < len(whole.times) == len(residual)
         assert len(draft.manipulation.observations) == len(draft.observed) == count
@@ -58,29 +58,27 @@ def test_long_recordings_are_tried_in_part(beginning, monkeypatch):
 
 def test_a_simulation_is_refined_for_a_model_that_comes_near(beginning):
     fine = dict(enumerate(beginning.recordings))
-    assert finer(beginning, beginning.at.model, fine, KNOWN) is None
+    assert finer(beginning, beginning.at.model, fine) is None
     rough = tuple(replace(r, spans=7, tolerance=5e-3) for r in beginning.recordings)
-    sharper = finer(replace(beginning, recordings=rough), beginning.at.model, fine, KNOWN)
+    sharper = finer(replace(beginning, recordings=rough), beginning.at.model, fine)
     assert sharper is not None
     assert all(r.tolerance < 5e-3 for r in sharper.recordings)
     assert sharper.near.model.settings == beginning.at.model.settings
-    assert (
-        sharper.at.sum_of_squares
-        < evaluate(beginning.at.model, rough, KNOWN, derivatives=False).sum_of_squares
-    )
+    assert sharper.at.mean_err < simulate(beginning.at.model, rough, ()).mean_err
 
 
 def test_drafts_are_made_for_the_model_that_comes_near(beginning):
     """With drafts that agree with the plain model's simulation alone, causes would be mended."""
     coarse = {1: replace(beginning.recordings[1], spans=7, tolerance=5e-3)}
-    sharper = finer(beginning, beginning.at.model, coarse, KNOWN)
+    sharper = finer(beginning, beginning.at.model, coarse)
     assert sharper is not None and sharper.recordings == beginning.recordings
     heavy = beginning.at.model.theta()
     heavy[0] += 0.3
-    near = evaluate(beginning.at.model.at(heavy), beginning.recordings, KNOWN, derivatives=False)
+    near = simulate(beginning.at.model.at(heavy), beginning.recordings, ())
     training = training_set(replace(beginning, near=near), 2, beginning.at.model.settings, KNOWN)
-    there = evaluate(near.model, training.prepared.recordings, KNOWN, derivatives=False)
-    for draft, fine in zip(there.residuals, near.residuals, strict=True):
+    rough = training.prepared.recordings
+    there = whitened(simulate(near.model, rough, ()), rough)
+    for draft, fine in zip(there, whitened(near, beginning.recordings), strict=True):
         assert draft == pytest.approx(fine[: len(draft)], abs=1e-6)
 
 
@@ -96,25 +94,12 @@ def test_what_starts_in_motion_is_refined_without_equilibria(monkeypatch):
     assert begun.at.err[0].mean() < 5e-3 * PAPER.rod.length
 
 
-@pytest.mark.parametrize("wild", [1e200, np.inf, np.nan])
-def test_derivatives_beyond_all_bounds_are_refused(beginning, monkeypatch, wild):
-    held = plain_evaluation._held_against
-
-    def wildly(*words):
-        found, jacobian = held(*words)
-        jacobian[0, 1, 0] = wild
-        return found, jacobian
-
-    monkeypatch.setattr(plain_evaluation, "_held_against", wildly)
-    with pytest.raises(SimulationError, match="derivatives"):
-        evaluate(beginning.at.model, beginning.recordings, KNOWN)
-
-
 def test_a_fit_ends_where_nothing_is_promised(beginning, monkeypatch):
-    at = fit(beginning.at, beginning.recordings, KNOWN, 3, damping=UNDAMPED)
+    at = fitted(beginning.at.model, beginning.recordings)
 
     def simulated(*words, **more):
         raise AssertionError("simulated although nothing is to be gained")
 
-    monkeypatch.setattr("dlo_ros.diagnosis.fitting.levenberg_marquardt.evaluate", simulated)
-    assert fit(at, beginning.recordings, KNOWN, 3, damping=UNDAMPED) is at
+    monkeypatch.setattr(joint_fit, "borrowed", simulated)
+    loss = WhiteLoss([r.noise for r in beginning.recordings])
+    assert joint_fit.fit(at, beginning.recordings, 3, loss=loss) is at

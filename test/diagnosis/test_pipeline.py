@@ -9,10 +9,9 @@ import pytest
 from experiment_recordings import moving
 
 from dlo_ros.diagnosis import pipeline
-from dlo_ros.diagnosis.fitting.initial_fit import begin
-from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
-from dlo_ros.diagnosis.fitting.plain_evaluation import evaluate
+from dlo_ros.diagnosis.fitting.initial_fit import begin, fitted
 from dlo_ros.diagnosis.pipeline import _learned
+from dlo_ros.inference.joint import evaluate, simulate
 
 
 def test_the_plain_model_has_not_seen_what_is_held_out():
@@ -27,9 +26,8 @@ def test_the_plain_model_has_not_seen_what_is_held_out():
     assert abs(spoilt / expected - 1.0) > 0.1
     assert ratio == pytest.approx(expected, rel=6e-3)  # its std is 0.15 %
     # With the time steps that were fine enough for what both leave.
-    fitted = evaluate(alone.at.model, both.recordings[:1], given, derivatives=False)
-    assert found.cost < 1.01 * fitted.cost
-    assert len(found.residuals) == len(found.err) == 1
+    fitted = simulate(alone.at.model, both.recordings[:1], ())
+    assert len(found.fields) == len(found.err) == 1
     assert found.mean_err == pytest.approx(fitted.mean_err, rel=0.05)
     # Nothing is fitted anew where nothing is held out.
     assert _learned(both, 2, given) is both.at
@@ -40,7 +38,7 @@ def test_nothing_is_fitted_to_the_simulation_s_own_error():
     fine = begin([recording], given)
     rough = replace(fine, recordings=tuple(replace(r, spans=r.spans - 1) for r in fine.recordings))
     tilted = fine.at.model.settings.with_effects({"gravity_tilt": {"angle": 0.3}})
-    near = attempt(replace(fine.at.model, settings=tilted), fine.recordings, given, 3)
+    near = fitted(replace(fine.at.model, settings=tilted), fine.recordings)
 
     def learned(at, begun):
         drafts = dict(enumerate(begun.recordings))
@@ -63,7 +61,7 @@ def test_a_plain_model_in_a_wrong_minimum_begins_anew():
     model = right.at.model
     theta = model.theta()
     theta[0] += np.log(3.0)
-    wrong = evaluate(model.at(theta), right.recordings, given)
+    wrong = evaluate(model.at(theta), right.recordings)
     learned = SimpleNamespace(explanation=SimpleNamespace(at=right.at))
     better = pipeline._better_plain_model(wrong, learned, right, given)
     assert better is not None and better.theta() == pytest.approx(model.theta())

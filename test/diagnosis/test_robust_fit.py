@@ -8,34 +8,35 @@ import pytest
 from measured import swing
 from rods import KNOWN, PAPER
 
-from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit
-from dlo_ros.diagnosis.fitting.plain_evaluation import evaluate
-from dlo_ros.diagnosis.fitting.plain_model import baseline
+from dlo_ros.diagnosis.fitting.initial_fit import whitened
+from dlo_ros.diagnosis.fitting.plain_model import plain_model
 from dlo_ros.diagnosis.fitting.recording_noise import with_noise
 from dlo_ros.diagnosis.fitting.robust_fit import (
     ROBUST_SCALE,
     consensus_fit,
-    loss,
-    robust,
-    squared_misfits,
+    outlier_frames,
+    robust_loss,
 )
+from dlo_ros.inference.joint import evaluate, simulate
+from dlo_ros.inference.joint_fit import fit
+from dlo_ros.inference.losses import WHITE
 from dlo_ros.inference.measured import measured
 
 
 def pushed_aside(first, far=0.03):
     """A swing whose tip is far from where it would be from a share of it on; a model too stiff."""
     one = swing(PAPER, seconds=1.2)
-    squared_misfits = np.zeros((PAPER.rod.control_points, 4))
-    squared_misfits[:, 2] = far * np.linspace(0.0, 1.0, len(squared_misfits)) ** 2
+    aside = np.zeros((PAPER.rod.control_points, 4))
+    aside[:, 2] = far * np.linspace(0.0, 1.0, len(aside)) ** 2
     seen = list(one.observations)
     for k in range(int(first * len(seen)), len(seen)):
-        seen[k] = replace(seen[k], control_points=seen[k].control_points + squared_misfits)
+        seen[k] = replace(seen[k], control_points=seen[k].control_points + aside)
     recording = measured(replace(one, observations=tuple(seen)), KNOWN)
-    begun = evaluate(baseline(KNOWN), [recording], KNOWN, derivatives=False)
+    begun = simulate(plain_model(KNOWN), [recording], ())
     recordings = (with_noise(recording, begun.predicted[0], KNOWN),)
-    theta = baseline(KNOWN).theta()
+    theta = plain_model(KNOWN).theta()
     theta[0] += 0.2
-    start = evaluate(baseline(KNOWN).at(theta), recordings, KNOWN)
+    start = evaluate(plain_model(KNOWN).at(theta), recordings)
     return recordings, start
 
 
@@ -50,11 +51,11 @@ def modulus(at):
 
 def test_what_was_hit_does_not_bend_the_fit(hit):
     recordings, start = hit
-    together = fit(start, recordings, KNOWN, 8)
-    found = robust(start, recordings, KNOWN)
+    together = fit(start, recordings, 8, loss=WHITE)
+    found = fit(start, recordings, 8, loss=robust_loss(recordings))
     assert abs(modulus(together) - 1.0) > 0.02
     assert modulus(found) == pytest.approx(1.0, abs=0.005)
-    power = [np.mean(at.residuals[0] ** 2, axis=1) for at in (together, found)]
+    power = [np.mean(whitened(at, recordings)[0] ** 2, axis=1) for at in (together, found)]
     half = len(power[0]) // 2
     assert np.mean(power[1][:half]) < 2.0 < np.mean(power[0][:half])
 
@@ -63,15 +64,16 @@ def test_what_was_hit_does_not_bend_the_fit(hit):
 def test_what_was_right_before_tells_of_what_was_wrong_nearly_always():
     """Most pictures are off: only those before tell what the DLO was."""
     recordings, start = pushed_aside(0.3, 0.1)
-    together = fit(start, recordings, KNOWN, 8)
-    found = consensus_fit(recordings, KNOWN, together)
+    together = fit(start, recordings, 8, loss=WHITE)
+    found = consensus_fit(recordings, together)
     assert found is not None
     at, scale = found
     assert scale >= ROBUST_SCALE
     assert abs(modulus(together) - 1.0) > 0.02
     assert modulus(at) == pytest.approx(1.0, abs=0.01)
-    assert loss(at, scale, strict=True) < loss(together, scale, strict=True)
-    wrong = squared_misfits(at, scale)[0] > 1.0
+    strict = robust_loss(recordings, scale, redescending=True)
+    assert strict.of_pictures(at) < strict.of_pictures(together)
+    (wrong,) = outlier_frames(at, recordings, scale)
     assert not wrong[: int(0.25 * len(wrong))].any()
     assert wrong[int(0.35 * len(wrong)) :].all()
 
@@ -80,6 +82,6 @@ def test_what_was_right_before_tells_of_what_was_wrong_nearly_always():
 def test_where_all_is_wrong_what_is_typical_is_more(hit):
     recordings, start = hit
     bent = tuple(replace(r, observed=r.observed + np.array([0.0, 0.0, 0.02])) for r in recordings)
-    found = consensus_fit(bent, KNOWN, evaluate(start.model, bent, KNOWN))
+    found = consensus_fit(bent, evaluate(start.model, bent))
     assert found is not None
     assert found[1] > 2.0 * ROBUST_SCALE

@@ -11,7 +11,8 @@ from dlo_ros.diagnosis.findings import without_own_error as module
 from dlo_ros.diagnosis.findings.without_own_error import without_own_error
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import evaluate
-from dlo_ros.inference.joint_fit import settled
+from dlo_ros.inference.joint_fit import fit, settled
+from dlo_ros.inference.losses import TO_REPORT
 from dlo_ros.inference.measured import measured
 from dlo_ros.inference.priors import joint_model
 from dlo_ros.inference.scene import imposed_names, scene
@@ -24,7 +25,8 @@ def fitted(recording, given, resolution):
     seen = replace(measured(recording, given), tolerance=tolerance, spans=spans)
     view = scene(given, imposed_names([recording]), [seen.observed])
     model = joint_model(given, given, view)
-    return settled(evaluate(model, [seen]), [seen]), [seen]
+    at = settled(evaluate(model, [seen]), [seen])
+    return fit(at, [seen], 20, loss=TO_REPORT), [seen]
 
 
 @pytest.fixture(scope="module")

@@ -18,16 +18,17 @@ from dlo_ros.diagnosis.contact.peg_places import Sight, apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import undisturbed
 from dlo_ros.diagnosis.contact.wall_places import TouchedWall, beside, walls
 from dlo_ros.diagnosis.fitting import robust_fit
-from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
-from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
-from dlo_ros.diagnosis.fitting.plain_model import PlainModel, names
 from dlo_ros.effects import Peg, Scene, Start
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.errors import SimulationError
+from dlo_ros.inference.joint import Evaluation, Simulated, evaluate, simulate
+from dlo_ros.inference.joint_fit import fit
+from dlo_ros.inference.losses import WHITE
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parallel import Threads
 from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.priors import cause_priors
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
@@ -71,13 +72,13 @@ class _Disturbed:
     """Recordings in which the DLO may have hit something, and a model that is right before.
 
     Args:
-        model: the model.
+        settings: settings of the model.
         recordings: drafts of the recordings.
-        scale: scale of the robust loss, see `robust_fit.robust`.
+        scale: scale of the robust loss, see `robust_fit.robust_loss`.
         given: the parameter file.
     """
 
-    model: PlainModel
+    settings: Settings
     recordings: tuple[Recording, ...]
     scale: float
     given: Settings
@@ -85,10 +86,10 @@ class _Disturbed:
     def loss(self, hit: Hit) -> float | None:
         """The robust loss with something that is hit; None where it cannot be simulated."""
         try:
-            at = evaluate(self._with(hit), self.recordings, self.given, derivatives=False)
+            at = simulate(self._with(hit), self.recordings, ())
         except SimulationError:
             return None
-        return robust_fit.loss(at, self.scale)
+        return robust_fit.robust_loss(self.recordings, self.scale).of_pictures(at)
 
     def losses(self, some: Sequence[Hit]) -> list[tuple[float, Hit]]:
         """The losses of those that can be simulated, and they."""
@@ -120,23 +121,27 @@ class _Disturbed:
         }  # fmt: skip
         found = minimize(left, simplex[0], method="Nelder-Mead", options=options)
         nearest = moved(found.x)
-        at = attempt(self._with(nearest), self.recordings, self.given, ITERATIONS)
-        if at is None:
+        try:
+            begun = evaluate(self._with(nearest), self.recordings)
+        except SimulationError:
             return None
+        at = fit(begun, self.recordings, ITERATIONS, loss=WHITE, draft=True)
         start = self._start(nearest)
-        return at.sum_of_squares, replace(start, block=at.model.settings.effects[start.effect])
+        squares = sum(float(np.sum(r**2)) for r, _ in at.fields)
+        return squares, replace(start, block=at.model.settings.effects[start.effect])
 
     def _start(self, hit: Hit) -> Start:
         """Where the fit of a contact begins."""
         if isinstance(hit, TouchedWall):
-            return hit.start(self.model.settings.rod.diameter)
+            return hit.start(self.settings.rod.diameter)
         return _start(hit, 0)
 
-    def _with(self, hit: Hit) -> PlainModel:
+    def _with(self, hit: Hit) -> ParametricModel:
         """The model with a contact, of which only the contact's numbers are open."""
         start = self._start(hit)
-        extended = self.model.extended(start.effect, start.block, start.fitted)
-        return replace(extended, free=names(start.effect, start.block, start.fitted))
+        parameters, _ = cause_priors(self.given, start)
+        bare = ParametricModel(self.settings, ())
+        return bare.extended(start.effect, dict(start.block), parameters)
 
 
 @dataclass(frozen=True)
@@ -148,7 +153,7 @@ class ContactBesideSetUp:
 
 
 def contacts_beside_set_up(
-    drafts: Sequence[Recording], given: Settings, at: PlainEvaluation, scene: Scene
+    drafts: Sequence[Recording], given: Settings, at: Evaluation, scene: Scene
 ) -> list[ContactBesideSetUp]:
     """Pegs and walls that the DLO may have hit, beside a set-up off within its tolerances.
 
@@ -160,7 +165,7 @@ def contacts_beside_set_up(
         at: the plain model, fitted to all pictures.
         scene: size, clamps and reach of the motion in the recordings.
     """
-    if EFFECTS & set(at.model.effects) or _in_space(drafts, given):
+    if EFFECTS & set(at.model.settings.effects) or _in_space(drafts, given):
         return []
     before = undisturbed(drafts, given, at, scene)
     if before is None:
@@ -176,23 +181,24 @@ def _in_space(drafts: Sequence[Recording], given: Settings) -> bool:
 
 
 def _contacts(
-    drafts: Sequence[Recording], given: Settings, consensus: PlainEvaluation, scale: float
+    drafts: Sequence[Recording], given: Settings, consensus: Simulated, scale: float
 ) -> list[Start]:
     """The pegs and walls with which a fit to undisturbed pictures comes nearest to the others.
 
     Args:
-        consensus: evaluation of the fit to undisturbed pictures on all drafts.
-        scale: scale of the robust loss, see `robust_fit.robust`.
+        consensus: simulation of the fit to undisturbed pictures on all drafts.
+        scale: scale of the robust loss, see `robust_fit.robust_loss`.
     """
     observed = [d.observed for d in drafts]
-    wrong = robust_fit.outlier_frames(consensus, scale)
+    wrong = robust_fit.outlier_frames(consensus, drafts, scale)
     if not any(w.any() for w in wrong):
         return []
-    view = sight(consensus.model.settings.rod, observed, consensus.predicted, wrong)
+    settings = consensus.model.settings
+    view = sight(settings.rod, observed, consensus.predicted, wrong)
     disturbed = [k for k, w in enumerate(wrong) if w.any()]
-    hit = _Disturbed(consensus.model, tuple(drafts[k] for k in disturbed), scale, given)
-    there = replace(consensus, residuals=tuple(consensus.residuals[k] for k in disturbed))
-    most = HELPS * robust_fit.loss(there, scale)
+    hit = _Disturbed(settings, tuple(drafts[k] for k in disturbed), scale, given)
+    there = consensus.of(disturbed)
+    most = HELPS * robust_fit.robust_loss(hit.recordings, scale).of_pictures(there)
     kinds = (_best_pegs(hit, view), _best_walls(hit, view))
     most = min(most, HOPELESS * min((loss for kind in kinds for loss, _ in kind), default=0.0))
     fits: list[tuple[float, Start]] = []

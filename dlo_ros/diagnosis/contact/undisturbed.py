@@ -9,12 +9,11 @@ part of the contact.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from dlo_ros.diagnosis.fitting import robust_fit
-from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
 from dlo_ros.effects import Scene
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference import joint, joint_fit
@@ -22,6 +21,7 @@ from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import joint_model
 from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
 
 LEADS = (0.0, 0.25)
 """Shares of each recording, from its beginning, that count as undisturbed at first: a DLO that is
@@ -40,17 +40,17 @@ class Undisturbed:
 
     Args:
         model: the fitted joint model.
-        at: evaluation of its values on all drafts, without derivatives.
+        at: simulation of its values in all drafts, without derivatives.
         scale: deviation that separates undisturbed from disturbed pictures, in units of the noise.
     """
 
     model: ParametricModel
-    at: PlainEvaluation
+    at: joint.Simulated
     scale: float
 
 
 def undisturbed(
-    drafts: Sequence[Recording], given: Settings, at: PlainEvaluation, scene: Scene
+    drafts: Sequence[Recording], given: Settings, at: joint.Evaluation, scene: Scene
 ) -> Undisturbed | None:
     """Fit the joint model to the beginnings of recordings, before the first outlier frame.
 
@@ -63,26 +63,24 @@ def undisturbed(
     Returns:
         None where no frame is an outlier, or every one is.
     """
-    found = robust_fit.consensus_fit(drafts, given, at)
+    found = robust_fit.consensus_fit(drafts, at)
     if found is None:
         return None
     consensus, scale = found
     model = joint_model(consensus.model.settings, given, scene)
-    wrong = robust_fit.outlier_frames(consensus, scale)
-    fits = [_fitted(drafts, given, at, model, wrong, lead) for lead in LEADS]
+    wrong = robust_fit.outlier_frames(consensus, drafts, scale)
+    fits = [_fitted(drafts, model, wrong, lead) for lead in LEADS]
     begun = [f for f in fits if f is not None]
     if not begun:
         return None
-    best = min(begun, key=lambda f: robust_fit.loss(f.at))
-    return _fitted(
-        drafts, given, at, best.model, robust_fit.outlier_frames(best.at, best.scale), 0.0
-    )
+    loss = robust_fit.robust_loss(drafts)
+    best = min(begun, key=lambda f: loss.of_pictures(f.at))
+    wrong = robust_fit.outlier_frames(best.at, drafts, best.scale)
+    return _fitted(drafts, best.model, wrong, 0.0)
 
 
 def _fitted(
     drafts: Sequence[Recording],
-    given: Settings,
-    at: PlainEvaluation,
     model: ParametricModel,
     wrong: Sequence[np.ndarray],
     lead: float,
@@ -90,7 +88,6 @@ def _fitted(
     """The joint model fitted to the beginnings of recordings.
 
     Args:
-        at: evaluation of the plain model.
         model: joint model with which the fit begins.
         wrong: outlier frames, shape (F,) for each recording.
         lead: see `LEADS`.
@@ -103,16 +100,20 @@ def _fitted(
         return None
     try:
         model = joint_fit.settled(joint.evaluate(model, parts), parts).model
-        plain = replace(at.model, settings=model.settings)
-        right = evaluate(plain, parts, given, derivatives=False)
-        consensus = evaluate(plain, drafts, given, derivatives=False)
+        right = joint.simulate(model, parts, ())
+        consensus = joint.simulate(model, drafts, ())
     except SimulationError:
         return None
-    most = float(np.quantile(np.concatenate(robust_fit.squared_misfits(right, 1.0)), RIGHT))
-    worst = float(np.concatenate(robust_fit.squared_misfits(consensus, 1.0)).max())
+    most = float(np.quantile(_squares(right, parts), RIGHT))
+    worst = float(_squares(consensus, drafts).max())
     if worst < STANDS_OUT**2 * most:
         return None
     return Undisturbed(model, consensus, float((most * worst) ** 0.25))
+
+
+def _squares(at: joint.Simulated, recordings: Sequence[Recording]) -> FloatArray:
+    """Mean square of the residual of each picture in units of the noise."""
+    return np.concatenate(robust_fit.robust_loss(recordings, 1.0).squares(at))
 
 
 def _beginnings(

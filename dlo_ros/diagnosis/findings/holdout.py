@@ -8,47 +8,28 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Gain
-from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit, total
-from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
-from dlo_ros.diagnosis.fitting.plain_model import PlainModel
-from dlo_ros.errors import SimulationError
+from dlo_ros.diagnosis.fitting.initial_fit import fitted
 from dlo_ros.inference.measured import Recording
-from dlo_ros.parameters import Settings
+from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.spline import FloatArray
 
 TRAINED = 0.6
 """Share of a recording before the span that is held out; a tenth between them is neither."""
 BLOCK = 10
 DRAWS = 500
-STEPS = 3
 SPARE = 3
 """Recordings, from which one of them is held out whole."""
 FASTER = 3.0
 """Speed of that recording over that of the fastest other at most."""
 
 
-def _trained(at: PlainEvaluation, masks: Sequence[np.ndarray], given: Settings) -> PlainModel:
-    """The model with parameters from the masked frames alone, by one linearised step."""
-    equations = total(at, given, masks)
-    step, _ = equations.minimum()
-    step = np.clip(step, -at.model.natural(), at.model.natural())
-    return at.model.at(at.model.theta() + step)
-
-
 def refitted(
-    at: PlainEvaluation,
-    recordings: Sequence[Recording],
-    masks: Sequence[np.ndarray],
-    given: Settings,
-) -> PlainModel:
-    """The model fitted to the masked frames alone."""
+    model: ParametricModel, recordings: Sequence[Recording], masks: Sequence[np.ndarray]
+) -> ParametricModel:
+    """The plain model fitted to the masked frames alone."""
     used = [k for k, mask in enumerate(masks) if mask.any()]
     chosen = [recordings[k].until(int(np.flatnonzero(masks[k])[-1]) + 1) for k in used]
-    try:
-        here = evaluate(_trained(at, masks, given), chosen, given)
-    except SimulationError:
-        here = evaluate(at.model, chosen, given)
-    return fit(here, chosen, given, STEPS).model
+    return fitted(model, chosen).model
 
 
 def mean(err: Sequence[FloatArray] | None) -> float | None:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from dlo_ros.diagnosis.fitting.initial_fit import Beginning, drafts
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, rejudged, simulate
 from dlo_ros.inference.joint_fit import fit
+from dlo_ros.inference.losses import TO_REPORT
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.parameters import Settings
@@ -96,8 +97,7 @@ def training_set(
     chosen = [k for k in range(count) if k != held_out]
     learned = [recordings[k] for k in chosen]
     at = beginning.near or beginning.at
-    residuals, predicted = ([x[k] for k in chosen] for x in (at.residuals, at.predicted))
-    rough = drafts(learned, replace(at, residuals=tuple(residuals), predicted=tuple(predicted)))
+    rough = drafts(learned, at.of(chosen))
     return TrainingSet(recordings, count, held_out, prepare(rough, plain, given))
 
 
@@ -159,8 +159,8 @@ def refitted(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
             len(r.times) <= f for r, f in zip(recordings, frames, strict=True)
         ):
             begun = rejudged(borrowed(at, at.model, recordings))
-            return fit(begun, recordings, FINAL_ITERATIONS)
-        return fit(evaluate(at.model, recordings), recordings, FINAL_ITERATIONS)
+            return fit(begun, recordings, FINAL_ITERATIONS, loss=TO_REPORT)
+        return fit(evaluate(at.model, recordings), recordings, FINAL_ITERATIONS, loss=TO_REPORT)
     except SimulationError:
         return at
 

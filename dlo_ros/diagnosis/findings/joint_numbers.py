@@ -15,7 +15,6 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     Number,
     SetupNumber,
 )
-from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation
 from dlo_ros.effects import added_to_damping, damping_effect, effects, quantities
 from dlo_ros.identification.estimate import UNBOUNDED
 from dlo_ros.identification.residual_information import model_shifts
@@ -128,20 +127,18 @@ def fitted_material(
     return Fitted(at.model.settings, result[0], result[1], result[2], err_train, err_holdout)
 
 
-def plain_material(
-    plain: PlainEvaluation, err_train: float | None, err_holdout: float | None
-) -> Fitted:
+def plain_material(plain: Settings, err_train: float | None, err_holdout: float | None) -> Fitted:
     """The plain model, without standard deviations, which mean nothing where it is wrong."""
-    rod = plain.model.settings.rod
+    rod = plain.rod
     return Fitted(
-        plain.model.settings, (rod.young_modulus, None), (rod.density, None),
+        plain, (rod.young_modulus, None), (rod.density, None),
         (rod.specific_modulus, None), err_train, err_holdout,
     )  # fmt: skip
 
 
-def with_plain_values(fitted: Fitted, plain: PlainEvaluation) -> Fitted:
+def with_plain_values(fitted: Fitted, plain: Settings) -> Fitted:
     """A fitted model with the plain model's values, which are known no better."""
-    rod = plain.model.settings.rod
+    rod = plain.rod
 
     def known(value: float, before: tuple[float, float | None]) -> tuple[float, float | None]:
         centre, std = before
@@ -149,7 +146,7 @@ def with_plain_values(fitted: Fitted, plain: PlainEvaluation) -> Fitted:
 
     return replace(
         fitted,
-        settings=plain.model.settings,
+        settings=plain,
         young_modulus=known(rod.young_modulus, fitted.young_modulus),
         density=known(rod.density, fitted.density),
         specific_modulus=known(rod.specific_modulus, fitted.specific_modulus),

@@ -35,14 +35,11 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
 )
 from dlo_ros.diagnosis.findings.shape_views import views
 from dlo_ros.diagnosis.findings.without_own_error import without_own_error
-from dlo_ros.diagnosis.fitting.initial_fit import Beginning
-from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation
-from dlo_ros.diagnosis.fitting.plain_evaluation import evaluate as held_against
-from dlo_ros.diagnosis.fitting.plain_model import PlainModel
+from dlo_ros.diagnosis.fitting.initial_fit import Beginning, whitened
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
 from dlo_ros.effects import effects
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation
+from dlo_ros.inference.joint import Evaluation, Simulated, simulate
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.parameters import Settings
@@ -73,7 +70,7 @@ class _Final:
     found: Explanation
     at: Evaluation
     wider: Widening
-    shown: PlainEvaluation
+    shown: Simulated
 
 
 @dataclass(frozen=True)
@@ -107,7 +104,7 @@ class _Errors:
 
 
 def joint_outcome(
-    beginning: Beginning, plain: PlainEvaluation, learned: Learned, given: Settings
+    beginning: Beginning, plain: Evaluation, learned: Learned, given: Settings
 ) -> Diagnosis:
     """Measure ERR on held-out data, fit the model to all recordings, and put all together.
 
@@ -115,13 +112,13 @@ def joint_outcome(
         SimulationError: a recording cannot be simulated, with the set-up alone either.
     """
     recordings = beginning.recordings
-    first = recordings[: len(plain.residuals)]
+    first = recordings[: len(plain.err)]
     known = [k for k in range(len(first)) if not learned.masks[k].all()]
     final = _final(learned, first, known, given)
     found, at, shown = final.found, final.at, final.shown
     own = own_err(at, first) if len(at.err) == len(first) else found.own_err
     matters = material_err(own, given)
-    bare_model = _unseeing(plain, first, learned.masks[: len(first)], given)
+    bare_model = _unseeing(plain.model, first, learned.masks[: len(first)])
     before = errors_of(bare_model, recordings, learned.masks)
     immaterial = plain.mean_err < matters
     suffices = not found.causes and (immaterial or _no_nearer(final.learned.seen, before[1]))
@@ -145,7 +142,8 @@ def joint_outcome(
     related_before = related_after = None
     if verdict == "unexplained":
         related_before, related_after = (
-            relations(first, e.residuals, e.predicted, e.model.settings) for e in (plain, shown)
+            relations(first, whitened(e, first), e.predicted, e.model.settings)
+            for e in (plain, shown)
         )
     remarks = (
         f"The plain model misses {_mm(left)}; {_mm(matters)} would be immaterial."
@@ -158,8 +156,10 @@ def joint_outcome(
         verdict,
         tuple(_effect(c, final, given, missed) for c in found.causes),
         own,
-        plain_material(plain, holdout.mean(errors.seen_before), holdout.mean(errors.before)),
-        with_plain_values(extended, plain) if suffices else extended,
+        plain_material(
+            plain.model.settings, holdout.mean(errors.seen_before), holdout.mean(errors.before)
+        ),
+        with_plain_values(extended, plain.model.settings) if suffices else extended,
         holdout.gain(errors.before, errors.after),
         _tried(found),
         _advice(verdict, found),
@@ -193,9 +193,8 @@ def _final(
         at, compared = without_own_error(at, recordings)
     wider = confirmed(at, compared, [name for c in found.causes for name in c.names])
     found = still_certain(found, at, reported_covariance(at, wider.parameters))
-    model = PlainModel(at.model.settings, ())
     try:
-        shown = held_against(model, recordings, given, derivatives=False)
+        shown = simulate(ParametricModel(at.model.settings, ()), recordings)
         return _Final(learned, found, at, wider, shown)
     except SimulationError as err:
         if found.at is found.setup:
@@ -238,15 +237,11 @@ def _extended(final: _Final, errors: _Errors, given: Settings) -> Fitted:
 
 
 def _unseeing(
-    plain: PlainEvaluation,
-    recordings: Sequence[Recording],
-    masks: Sequence[np.ndarray],
-    given: Settings,
+    model: ParametricModel, recordings: Sequence[Recording], masks: Sequence[np.ndarray]
 ) -> ParametricModel:
     """The plain model fitted to the frames that are not held out."""
-    model = plain.model
     if any(m.any() for m in masks):
-        model = holdout.refitted(plain, recordings, [~m for m in masks], given)
+        model = holdout.refitted(model, recordings, [~m for m in masks])
     return ParametricModel(model.settings, ())
 
 

@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dlo_ros.diagnosis.findings.diagnosis_outcome import RecordingView
-from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
 from dlo_ros.diagnosis.residuals.missing_force import missing_force
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.forecast import whitening
+from dlo_ros.inference.joint import Simulated, simulate
 from dlo_ros.inference.measured import Recording, spline_space
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -20,7 +20,7 @@ STATIONS = 60
 
 
 def views(
-    recordings: Sequence[Recording], before: PlainEvaluation, after: PlainEvaluation,
+    recordings: Sequence[Recording], before: Simulated, after: Simulated,
     holdout: Sequence[np.ndarray], given: Settings,
 ) -> tuple[RecordingView, ...]:  # fmt: skip
     """One view for each recording.
@@ -40,7 +40,7 @@ def views(
                 shown.append((at.predicted[k], at.err[k]))
                 continue
             try:
-                found = evaluate(at.model, [recording], given, derivatives=False)
+                found = simulate(at.model, [recording], ())
             except SimulationError:
                 break
             shown.append((found.predicted[0], found.err[0]))

@@ -19,13 +19,16 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.offline.gauss_newton import STEP_COARSER
 from dlo_ros.inference.joint import Evaluation, compared, field, simulate
 from dlo_ros.inference.joint_fit import fit
+from dlo_ros.inference.losses import TO_REPORT
 from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
 
 ROUNDS = 3
 """Simulations at most, each with time steps shorter by `STEP_COARSER` and twice the knot spans."""
 IMMATERIAL = 0.3
-"""Error that is left over the standard deviation of any number, below which it does not matter."""
+"""Error that is left, in standard deviations of the combination of numbers that it moves most,
+below which it does not matter: E/mu is known far better than E."""
 
 
 def without_own_error(
@@ -40,7 +43,11 @@ def without_own_error(
         The same fit and recordings where the error is immaterial, or nothing finer can be
         simulated.
     """
-    spread = np.sqrt(np.diag(at.posterior.covariance))
+    information = np.asarray(np.linalg.inv(at.posterior.covariance))
+
+    def stds(change: FloatArray) -> float:
+        return float(np.sqrt(max(float(change @ information @ change), 0.0)))
+
     best, adjusted, finer, last = at, recordings, recordings, np.inf
     for _ in range(ROUNDS):
         finer = [_finer(r, at.model.settings) for r in finer]
@@ -49,17 +56,16 @@ def without_own_error(
             here, there = _compared_with(at, recordings, exact)
         except SimulationError:
             break
-        change = float(np.max(np.abs(here.posterior.step - best.posterior.step) / spread))
+        change = stds(here.posterior.step - best.posterior.step)
         if change > last:  # where something is hit, finer simulations may not converge
             break
         best, adjusted, last = here, there, change
         left = change / (STEP_COARSER**2 - 1.0)  # it falls with the square of the step
         if left < IMMATERIAL:
             break
-    moved = float(np.max(np.abs(best.posterior.step - at.posterior.step) / spread))
-    if moved < IMMATERIAL:
+    if stds(best.posterior.step - at.posterior.step) < IMMATERIAL:
         return at, recordings
-    return fit(best, adjusted, FINAL_ITERATIONS), adjusted
+    return fit(best, adjusted, FINAL_ITERATIONS, loss=TO_REPORT), adjusted
 
 
 def _finer(recording: Recording, settings: Settings) -> Recording:

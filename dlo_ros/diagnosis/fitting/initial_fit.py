@@ -9,14 +9,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting.levenberg_marquardt import CLEARLY_WRONG, attempt, fit
-from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
-from dlo_ros.diagnosis.fitting.plain_model import PlainModel, baseline
+from dlo_ros.diagnosis.fitting.plain_model import plain_model
 from dlo_ros.diagnosis.fitting.recording_noise import with_bias, with_noise
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
 from dlo_ros.inference.forecast import Manipulation, as_started, forecast
+from dlo_ros.inference.joint import Evaluation, Simulated, evaluate, simulate
+from dlo_ros.inference.joint_fit import fit
+from dlo_ros.inference.losses import WHITE_CONVERGED, WhiteLoss
 from dlo_ros.inference.measured import Recording, measured, without_gross
+from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.time_steps import longest_time_steps
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
@@ -28,8 +30,11 @@ FACTORS = (1.0, 0.3, 3.0, 0.1, 10.0, 0.03, 30.0)
 VALLEYS = 3
 VALLEY_ITERATIONS = 6
 """Largest number of these starts that are fitted, until a residual is small; their iterations."""
-POLISH, UNDAMPED = 3, 1e-9
-"""Iterations at the end, and their damping: what the data leave open keeps its prior."""
+CLEARLY_WRONG = 2.0
+"""Root mean square of the residual over the noise, from which another start may be nearer."""
+ITERATIONS, TO_THE_END = 10, 1e-4
+"""Iterations at the end, and the gain over the misfit at which they end: what the plain model
+misses is told to a few digits."""
 FINENESS = 0.1
 """Largest error of the simulation itself, over the noise of one frame."""
 OWN_SHARE = 0.0015
@@ -39,7 +44,6 @@ OWN_MATTERS = 0.3
 """Error of the simulation itself over the model's residual, from which it matters."""
 IN_TIME = 0.3
 """Share of that error that time steps may have: they damp, in all pictures alike."""
-ROUNDS = 2
 SPACE_ROUNDS = 5
 WORTH = 0.7
 """Error over that with fewer knot spans, below which more of them are worth their time."""
@@ -64,21 +68,21 @@ class Beginning:
 
     Args:
         recordings: recordings with their noise and a resolution that is fine enough.
-        at: the fit to all recordings.
+        at: the plain model fitted to all recordings.
         error: the simulation's own error, mean distance [m]; NaN where it was not judged.
         left_out: number of pictures of each recording that are grossly wrong and left out.
         near: a model that comes nearer, found before, against the same recordings; None: none is.
     """
 
     recordings: tuple[Recording, ...]
-    at: PlainEvaluation
+    at: Evaluation
     error: float
     left_out: tuple[int, ...] = ()
-    near: PlainEvaluation | None = None
+    near: Simulated | None = None
 
 
 def begin(
-    manipulations: Sequence[Manipulation], settings: Settings, near: PlainModel | None = None
+    manipulations: Sequence[Manipulation], settings: Settings, near: ParametricModel | None = None
 ) -> Beginning:
     """Fit the plain model (E, mu, damping) and estimate the noise of the measurements.
 
@@ -90,7 +94,10 @@ def begin(
         SimulationError: no starting value can be simulated.
     """
     recordings = tuple(measured(m, settings) for m in manipulations)
-    at = _first(recordings, settings, near)
+    if near is None:
+        at = _best_start(recordings, plain_model(settings))
+    else:
+        at = simulate(near, recordings, ())
     usable = tuple(
         without_gross(r, r.observed[-len(p) :] - p[..., :3])
         for r, p in zip(recordings, at.predicted, strict=True)
@@ -99,29 +106,37 @@ def begin(
     if any(left_out):
         recordings = usable
         at = _near(at.model, recordings)
-    error = np.nan
-    for _ in range(ROUNDS):
-        recordings = with_bias(recordings, at.predicted, settings)
-        recordings = tuple(
-            with_noise(r, p, settings) for r, p in zip(recordings, at.predicted, strict=True)
-        )
-        recordings, error = _finer(recordings, at)
-        at = fit(evaluate(at.model, recordings, settings), recordings, settings, 6)
-    at = fit(at, recordings, settings, POLISH, damping=UNDAMPED)
-    return Beginning(recordings, at, error, left_out)
+    first = _with_noise_and_resolution(recordings, at, left_out)
+    # A better fit tells the noise better.
+    return _with_noise_and_resolution(first.recordings, first.at, left_out)
 
 
-def _first(
-    recordings: tuple[Recording, ...], settings: Settings, near: PlainModel | None
-) -> PlainEvaluation:
-    """Evaluation of the model with which a fit begins."""
-    if near is None:
-        return _best_start(recordings, baseline(settings))
-    return evaluate(near, recordings, settings, derivatives=False)
+def _with_noise_and_resolution(
+    recordings: tuple[Recording, ...], at: Simulated, left_out: tuple[int, ...]
+) -> Beginning:
+    """The plain model fitted with the noise and the resolution that a model's residual asks for."""
+    biased = with_bias(recordings, at.predicted, at.model.settings)
+    fine, error = _finer(_with_noise(biased, at), at)
+    return Beginning(fine, fitted(at.model, fine), error, left_out)
+
+
+def fitted(model: ParametricModel, recordings: Sequence[Recording]) -> Evaluation:
+    """The plain model fitted to recordings by least squares, as far as it goes.
+
+    Raises:
+        SimulationError: the model with which it begins cannot be simulated.
+    """
+    loss = _white(recordings, TO_THE_END)
+    return fit(evaluate(model, recordings), recordings, ITERATIONS, loss=loss)
+
+
+def _white(recordings: Sequence[Recording], converged: float = WHITE_CONVERGED) -> WhiteLoss:
+    """The loss of least squares in units of each coefficient's noise."""
+    return WhiteLoss([r.noise for r in recordings], converged)
 
 
 def finer(
-    beginning: Beginning, near: PlainModel, rough: Mapping[int, Recording], settings: Settings
+    beginning: Beginning, near: ParametricModel, rough: Mapping[int, Recording]
 ) -> Beginning | None:
     """The initial fit with a simulation that is fine enough for a model that comes near the data.
 
@@ -132,39 +147,45 @@ def finer(
         None where the simulation's own error, and that of the drafts, is small beside what that
         model leaves over.
     """
-    here = evaluate(near, beginning.recordings, settings, derivatives=False)
+    here = simulate(near, beginning.recordings, ())
     try:
         recordings, error = _finer(beginning.recordings, here)
-        fine = evaluate(near, recordings, settings, derivatives=False)
+        fine = simulate(near, recordings, ())
     except SimulationError as err:  # drafts may be too coarse all the same
         LOG.info("no finer simulation: %s", err)
         recordings, error, fine = beginning.recordings, beginning.error, here
-    most = OWN_MATTERS * _rms(fine.residuals)
-    own = [a - b for a, b in zip(here.residuals, fine.residuals, strict=True)]
-    if _rms(own) >= most:
-        at = fit(evaluate(beginning.at.model, recordings, settings), recordings, settings, 6)
-        at = fit(at, recordings, settings, POLISH, damping=UNDAMPED)
+    left = whitened(here, recordings)
+    sharp = whitened(fine, recordings)
+    most = OWN_MATTERS * _rms(sharp)
+    if _rms([a - b for a, b in zip(left, sharp, strict=True)]) >= most:
+        at = fitted(beginning.at.model, recordings)
         return Beginning(recordings, at, error, beginning.left_out, fine)
-    drafted = evaluate(near, list(rough.values()), settings, derivatives=False).residuals
-    own = [a - here.residuals[k][: len(a)] for k, a in zip(rough, drafted, strict=True)]
+    drafts_of = list(rough.values())
+    drafted = whitened(simulate(near, drafts_of, ()), drafts_of)
+    own = [a - left[k][: len(a)] for k, a in zip(rough, drafted, strict=True)]
     return None if _rms(own) < most else replace(beginning, near=here)
+
+
+def whitened(at: Simulated, recordings: Sequence[Recording]) -> list[FloatArray]:
+    """What a model leaves of each recording in units of the noise, shape (F, K) each."""
+    return [r / recording.noise for (r, _), recording in zip(at.fields, recordings, strict=True)]
 
 
 def _rms(residuals: Sequence[FloatArray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate([r.ravel() for r in residuals]) ** 2)))
 
 
-def _best_start(recordings: tuple[Recording, ...], model: PlainModel) -> PlainEvaluation:
+def _best_start(recordings: tuple[Recording, ...], model: ParametricModel) -> Simulated:
     """The best of some fits of the plain model: a motion may have several local minima of E."""
     coarse = _coarse(recordings)
-    begun: list[PlainEvaluation] = []
+    begun: list[Simulated] = []
     failure: SimulationError | None = None
     theta = model.theta()
     for factor in FACTORS:
         shifted = theta.copy()
         shifted[0] += np.log(factor)
         try:
-            begun.append(evaluate(model.at(shifted), coarse, model.settings, derivatives=False))
+            begun.append(simulate(model.at(shifted), coarse, ()))
         except SimulationError as err:
             failure = err
     if not begun:
@@ -172,12 +193,21 @@ def _best_start(recordings: tuple[Recording, ...], model: PlainModel) -> PlainEv
     begun.sort(key=lambda at: at.mean_err)
     best = begun[0]
     for at in begun[:VALLEYS]:
-        found = _fitted_to_most(at, coarse)
-        if found is not None and found.mean_err < best.mean_err:
+        known = _with_noise(coarse, at)
+        found = _fitted_to_most(at, known)
+        if found is None:
+            continue
+        if found.mean_err < best.mean_err:
             best = found
-        if found is not None and found.excess < CLEARLY_WRONG:
+        if _rms(whitened(found, known)) < CLEARLY_WRONG:
             break
     return best
+
+
+def _with_noise(recordings: Sequence[Recording], at: Simulated) -> tuple[Recording, ...]:
+    """The recordings with the noise of what a model leaves."""
+    settings = at.model.settings
+    return tuple(with_noise(r, p, settings) for r, p in zip(recordings, at.predicted, strict=True))
 
 
 def _coarse(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
@@ -185,40 +215,33 @@ def _coarse(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
     return tuple(replace(r, spans=2 * (r.observed.shape[1] - DEGREE)) for r in recordings)
 
 
-def _fitted_to_most(at: PlainEvaluation, recordings: Sequence[Recording]) -> PlainEvaluation | None:
-    """A model fitted to the recordings with most of its error, evaluated on all; or None."""
-    settings = at.model.settings
-    # Without its noise the prior would count for more than the data.
-    known = [with_noise(r, p, settings) for r, p in zip(recordings, at.predicted, strict=True)]
+def _fitted_to_most(at: Simulated, recordings: Sequence[Recording]) -> Simulated | None:
+    """A model fitted to the recordings with most of its error, simulated in all; or None."""
     shorter = [
-        r.until(_long_enough(left, len(known)) + len(r.times) - len(left))
-        for r, left in zip(known, at.residuals, strict=True)
+        r.until(_long_enough(left, len(recordings)) + len(r.times) - len(left))
+        for r, left in zip(recordings, whitened(at, recordings), strict=True)
     ]
-    found = attempt(at.model, shorter, settings, VALLEY_ITERATIONS)
-    if found is None or all(s is r for s, r in zip(shorter, known, strict=True)):
-        return found
     try:
-        return evaluate(found.model, known, settings, derivatives=False)
+        begun = evaluate(at.model, shorter)
+        found = fit(begun, shorter, VALLEY_ITERATIONS, loss=_white(shorter), draft=True)
+        return simulate(found.model, recordings, ())
     except SimulationError:
         return None
 
 
-def _near(model: PlainModel, recordings: Sequence[Recording]) -> PlainEvaluation:
+def _near(model: ParametricModel, recordings: Sequence[Recording]) -> Simulated:
     """A fit that begins with a model which was fitted to a little more data."""
     coarse = _coarse(recordings)
-    here = evaluate(model, coarse, model.settings, derivatives=False)
-    found = _fitted_to_most(here, coarse)
+    here = simulate(model, coarse, ())
+    found = _fitted_to_most(here, _with_noise(coarse, here))
     return here if found is None or found.mean_err > here.mean_err else found
 
 
-def _finer(
-    recordings: tuple[Recording, ...], at: PlainEvaluation
-) -> tuple[tuple[Recording, ...], float]:
+def _finer(recordings: tuple[Recording, ...], at: Simulated) -> tuple[tuple[Recording, ...], float]:
     """The recordings with knot spans and time steps that keep the simulation's error small."""
     result, errors = [], []
     settings = at.model.settings
-    left = [r.residual(p) for r, p in zip(recordings, at.predicted, strict=True)]
-    fineness = max(FINENESS, OWN_SHARE * _rms(left))
+    fineness = max(FINENESS, OWN_SHARE * _rms(whitened(at, recordings)))
     for recording in recordings:
         n = recording.observed.shape[1]
         noise = float(np.sqrt(np.sum(recording.noise[:n] ** 2)))
@@ -238,7 +261,9 @@ def _finer(
     return tuple(result), float(np.nanmax(errors)) if np.isfinite(errors).any() else np.nan
 
 
-def _in_space(recording: Recording, model: PlainModel, tolerance: float) -> tuple[Recording, float]:
+def _in_space(
+    recording: Recording, model: ParametricModel, tolerance: float
+) -> tuple[Recording, float]:
     """The recording with knot spans that are fine enough, and the error that is left, over L.
 
     The error is that of the motion itself where no equilibrium on its way tells: equilibria of two
@@ -251,7 +276,7 @@ def _in_space(recording: Recording, model: PlainModel, tolerance: float) -> tupl
     for spans in (first * 2**k for k in range(SPACE_ROUNDS)):
         finer = replace(recording, spans=spans)
         try:
-            shapes = evaluate(model, [finer], model.settings, derivatives=False).predicted[0]
+            shapes = simulate(model, [finer], ()).predicted[0]
         except SimulationError:
             coarse = None
             continue
@@ -266,14 +291,16 @@ def _in_space(recording: Recording, model: PlainModel, tolerance: float) -> tupl
     return best, least
 
 
-def _in_time(recording: Recording, model: PlainModel, fineness: float) -> tuple[Recording, float]:
+def _in_time(
+    recording: Recording, model: ParametricModel, fineness: float
+) -> tuple[Recording, float]:
     """The recording with time steps that are fine enough, and the error that is left [m]."""
     n = recording.observed.shape[1]
     noise = float(np.sqrt(np.sum(recording.noise[:n] ** 2)))
 
     def predicted(tolerance: float) -> FloatArray:
         here = replace(recording, tolerance=tolerance)
-        return evaluate(model, [here], model.settings, derivatives=False).predicted[0][..., :3]
+        return simulate(model, [here], ()).predicted[0][..., :3]
 
     def apart(a: FloatArray, b: FloatArray) -> float:
         return float(np.sqrt(np.mean(recording.white(a - b) ** 2)))
@@ -282,15 +309,15 @@ def _in_time(recording: Recording, model: PlainModel, fineness: float) -> tuple[
     return replace(recording, tolerance=tolerance), error * noise
 
 
-def drafts(recordings: Sequence[Recording], at: PlainEvaluation) -> tuple[Recording, ...]:
+def drafts(recordings: Sequence[Recording], at: Simulated) -> tuple[Recording, ...]:
     """The recordings with a coarser simulation that is still reliable, long ones shortened.
 
     Args:
-        at: evaluation of a model with the fine simulation: of the plain one, or of one that comes
-            nearer, for which the drafts are reliable then.
+        at: the fine simulation of a model: of the plain one, or of one that comes nearer, for which
+            the drafts are reliable then.
     """
     result = []
-    for recording, r, fine in zip(recordings, at.residuals, at.predicted, strict=True):
+    for recording, r, fine in zip(recordings, whitened(at, recordings), at.predicted, strict=True):
         coarse = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
         most = max(DRAFT_ERROR, DRAFT_SHARE * float(np.sqrt(np.mean(r**2))))
         tolerance = max(DRAFT_TOLERANCE, recording.tolerance or 0.0)
@@ -299,7 +326,7 @@ def drafts(recordings: Sequence[Recording], at: PlainEvaluation) -> tuple[Record
         for spans in (*coarser, recording.spans):
             draft = replace(recording, spans=spans, tolerance=tolerance)
             try:
-                draft_at = evaluate(at.model, [draft], at.model.settings, derivatives=False)
+                draft_at = simulate(at.model, [draft], ())
             except SimulationError:
                 continue
             apart = draft_at.predicted[0][..., :3] - fine[..., :3]

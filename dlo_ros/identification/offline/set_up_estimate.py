@@ -30,7 +30,7 @@ from dlo_ros.inference.joint import (
     simulate,
 )
 from dlo_ros.inference.joint_fit import ITERATIONS, fit, settled
-from dlo_ros.inference.losses import WHITE, misfit
+from dlo_ros.inference.losses import TO_REPORT, WHITE, misfit
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
@@ -115,8 +115,7 @@ def weighed(
         if start.posterior.evidence < stated - WORSE_EVIDENCE:
             return exact
         at = _best_valley(settled(start, recordings), start, recordings)
-        if long_steps:
-            at = _in_short_steps(at, recordings, long_steps, shortest)
+        at = _finished(at, recordings, long_steps or shortest, shortest)
     except SimulationError as err:
         LOG.warning("the set-up is taken as exact: with it open the simulation fails (%s)", err)
         return exact
@@ -155,10 +154,10 @@ def _best_valley(at: Evaluation, start: Evaluation, recordings: Sequence[Recordi
     return best
 
 
-def _in_short_steps(
+def _finished(
     at: Evaluation, recordings: Sequence[Recording], longest: float, shortest: float
 ) -> Evaluation:
-    """The fit with time steps that are short enough for what an open set-up leaves.
+    """The fit with time steps that are short enough for what an open set-up leaves, to its end.
 
     Args:
         longest: tolerance of the time steps with which it was found.
@@ -169,11 +168,12 @@ def _in_short_steps(
         steps = [replace(r, tolerance=tolerance) for r in recordings]
         return [r for r, _ in simulate(at.model, steps, ()).fields]
 
-    found = max(sufficient_time_steps(residuals, [r for r, _ in at.fields]), shortest)
-    if found >= longest:
-        return at
-    shorter = [replace(r, tolerance=found) for r in recordings]
-    return fit(rejudged(borrowed(at, at.model, shorter)), shorter, ITERATIONS)
+    if longest > shortest:
+        found = max(sufficient_time_steps(residuals, [r for r, _ in at.fields]), shortest)
+        if found < longest:
+            recordings = [replace(r, tolerance=found) for r in recordings]
+            at = rejudged(borrowed(at, at.model, recordings))
+    return fit(at, recordings, ITERATIONS, loss=TO_REPORT)
 
 
 def _averaged(
