@@ -77,7 +77,13 @@ INSIDE = {
     ),
     "identification": (
         ("cooperative_tasks", "estimate", "residual_noise"),
-        ("batched_forecast", "gradual_simulation", "identifiability", "residual_information"),
+        (
+            "batched_forecast",
+            "gradual_simulation",
+            "identifiability",
+            "material_model",
+            "residual_information",
+        ),
         ("force_scale",),
         ("offline", "online", "design"),
         ("__init__",),

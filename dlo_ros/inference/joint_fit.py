@@ -182,9 +182,7 @@ def _improved(
     at: Evaluation, recordings: Sequence[Recording], way: _Way, loss: Loss, tries: int,
     most: float,
 ) -> _Improvement:  # fmt: skip
-    model, precision = at.model, at.model.precision()
-    hessian, gradient = loss.normal_equations(at)
-    lhs, rhs = hessian + np.diag(precision), gradient + precision * model.offset()
+    model, (lhs, rhs) = at.model, _equations(at, loss)
     theta, damping, least = model.theta(), way.damping, min(CONVERGED, loss.least_gain(at))
     unit = _unit(model)
     for _ in range(tries):
@@ -207,6 +205,21 @@ def _improved(
             return _Improvement(trial, _Way(damping, LONGEST_STEP), False)
         damping = max(HARDER * damping, 1e-3)
     return _Improvement(None, _Way(damping, LONGEST_STEP), False)
+
+
+def expected_gain(at: Evaluation, loss: Loss) -> float:
+    """Gain of the log posterior by the next step within ranges, as far as derivatives tell."""
+    lhs, rhs = _equations(at, loss)
+    theta = at.model.theta()
+    step = at.model.at(theta + np.linalg.solve(lhs, rhs)).theta() - theta
+    return _expected(step, lhs, rhs)
+
+
+def _equations(at: Evaluation, loss: Loss) -> tuple[FloatArray, FloatArray]:
+    """Normal equations of data and prior, shapes (P, P) and (P,)."""
+    precision = at.model.precision()
+    hessian, gradient = loss.normal_equations(at)
+    return hessian + np.diag(precision), gradient + precision * at.model.offset()
 
 
 def _expected(step: FloatArray, lhs: FloatArray, rhs: FloatArray) -> float:

@@ -11,7 +11,6 @@ from rods import KNOWN, PAPER
 from dlo_ros.diagnosis import diagnose
 from dlo_ros.diagnosis.findings.standard_manipulations import simulated, standard
 from dlo_ros.diagnosis.fitting.initial_fit import begin, fitted, whitened
-from dlo_ros.diagnosis.fitting.plain_model import plain_model
 from dlo_ros.diagnosis.fitting.recording_noise import with_bias, with_noise
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.residuals import residual_autocovariance
@@ -19,6 +18,7 @@ from dlo_ros.effects import Start, effects
 from dlo_ros.errors import InputError
 from dlo_ros.identification import Manipulation
 from dlo_ros.identification.batched_forecast import forecast_varied
+from dlo_ros.identification.material_model import material_model
 from dlo_ros.inference.forecast import forecast
 from dlo_ros.inference.joint import simulate
 from dlo_ros.inference.losses import WhiteLoss
@@ -49,7 +49,7 @@ def test_the_autocovariance_is_that_of_correlated_errors_and_not_of_noise():
 
 def test_what_was_measured_beforehand_stays_near_its_value():
     known, guess = "air_drag", "young_modulus"
-    model = plain_model(KNOWN)
+    model = material_model(KNOWN, KNOWN)
     theta = model.theta()
     assert theta == pytest.approx([p.centre for p in model.parameters])
     theta[[model.index(known), model.index(guess)]] += 20.0
@@ -153,7 +153,7 @@ def test_a_peg_that_is_hit_has_derivatives_of_a_sensible_size():
     length = KNOWN.rod.length
     peg = {"x": 0.45 * length, "z": -0.45 * length, "radius": 0.01}
     parameters, _ = cause_priors(KNOWN, Start("obstacle", peg, (), tuple(peg), neutral=False))
-    model = plain_model(KNOWN).extended("obstacle", peg, parameters)
+    model = material_model(KNOWN, KNOWN).extended("obstacle", peg, parameters)
     ((_, jacobian),) = simulate(model, [recording]).fields
     assert np.isfinite(jacobian).all()
     moves = np.abs(jacobian).max(axis=(0, 2))

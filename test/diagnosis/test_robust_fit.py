@@ -9,7 +9,6 @@ from measured import swing
 from rods import KNOWN, PAPER
 
 from dlo_ros.diagnosis.fitting.initial_fit import whitened
-from dlo_ros.diagnosis.fitting.plain_model import plain_model
 from dlo_ros.diagnosis.fitting.recording_noise import with_noise
 from dlo_ros.diagnosis.fitting.robust_fit import (
     ROBUST_SCALE,
@@ -17,6 +16,7 @@ from dlo_ros.diagnosis.fitting.robust_fit import (
     outlier_frames,
     robust_loss,
 )
+from dlo_ros.identification.material_model import material_model
 from dlo_ros.inference.joint import evaluate, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import WHITE
@@ -32,11 +32,11 @@ def pushed_aside(first, far=0.03):
     for k in range(int(first * len(seen)), len(seen)):
         seen[k] = replace(seen[k], control_points=seen[k].control_points + aside)
     recording = measured(replace(one, observations=tuple(seen)), KNOWN)
-    begun = simulate(plain_model(KNOWN), [recording], ())
+    begun = simulate(material_model(KNOWN, KNOWN), [recording], ())
     recordings = (with_noise(recording, begun.predicted[0], KNOWN),)
-    theta = plain_model(KNOWN).theta()
+    theta = material_model(KNOWN, KNOWN).theta()
     theta[0] += 0.2
-    start = evaluate(plain_model(KNOWN).at(theta), recordings)
+    start = evaluate(material_model(KNOWN, KNOWN).at(theta), recordings)
     return recordings, start
 
 

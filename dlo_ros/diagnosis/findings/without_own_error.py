@@ -16,7 +16,7 @@ import numpy as np
 
 from dlo_ros.diagnosis.findings.joint_learning import FINAL_ITERATIONS
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.offline.gauss_newton import STEP_COARSER
+from dlo_ros.identification.offline.material_fit import STEP_COARSER
 from dlo_ros.inference.joint import Evaluation, compared, field, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import TO_REPORT

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting.plain_model import plain_model
 from dlo_ros.diagnosis.fitting.recording_noise import with_bias, with_noise
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
+from dlo_ros.identification.material_model import material_model
 from dlo_ros.inference.forecast import Manipulation, as_started, forecast
 from dlo_ros.inference.joint import Evaluation, Simulated, evaluate, simulate
 from dlo_ros.inference.joint_fit import fit
@@ -95,7 +95,7 @@ def begin(
     """
     recordings = tuple(measured(m, settings) for m in manipulations)
     if near is None:
-        at = _best_start(recordings, plain_model(settings))
+        at = _best_start(recordings, material_model(settings, settings))
     else:
         at = simulate(near, recordings, ())
     usable = tuple(

@@ -16,10 +16,9 @@ from dlo_ros.identification.estimate import (
     search_information,
     with_logarithms,
 )
-from dlo_ros.identification.offline.gauss_newton import descend
+from dlo_ros.identification.offline.material_fit import searched
 from dlo_ros.identification.offline.recording_identification import FittedMaterial
-from dlo_ros.identification.offline.recording_simulations import Simulations
-from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.forecast import Forecast, Manipulation
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.inference.weighted_quantiles import weighted_quantiles
 from dlo_ros.parameters import Settings
@@ -171,8 +170,8 @@ def bootstrap(
         chosen = [int(i) for i in draws[k]]
         tasks.append(
             (
-                [train[i] for i in chosen], settings, found.settings, found.theta,
-                [found.ignored[i] for i in chosen],
+                [train[i] for i in chosen], found.settings, found.theta,
+                [found.fit.forecasts[i] for i in chosen], [found.ignored[i] for i in chosen],
             )
         )  # fmt: skip
     fits = (pool or Threads()).map(_refitted, tasks, lambda i, theta: done(missing[i], theta))
@@ -181,15 +180,10 @@ def bootstrap(
 
 
 def _refitted(
-    task: tuple[list[Manipulation], Settings, Settings, FloatArray, list[np.ndarray]],
+    task: tuple[list[Manipulation], Settings, FloatArray, list[Forecast], list[np.ndarray]],
 ) -> FloatArray | None:
     """Logarithms of a fit to some recordings; None where it fails."""
-    train, settings, fine, start, ignored = task
     try:
-        fit, _, _ = descend(
-            train, fine, logarithms(settings), start, lambda text, share: None,
-            Simulations(Threads()), ignored, converged=1e-3,
-        )  # fmt: skip
+        return searched(*task).theta
     except SimulationError:
         return None
-    return fit.theta

@@ -1,11 +1,12 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Identify (E, mu) from whole recordings: parallel starts, then Gauss-Newton on logarithms."""
+"""Identify (E, mu) from whole recordings: parallel starts, then least squares on logarithms."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,16 +20,15 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
     within_noise,
 )
-from dlo_ros.identification.offline.gauss_newton import (
-    CONVERGED,
+from dlo_ros.identification.offline.material_fit import (
     MaterialFit,
     Progress,
     best_start,
-    descend,
     evaluate,
     numerical_shifts,
     outlier_pictures,
     recentred,
+    searched,
     without,
 )
 from dlo_ros.identification.offline.recording_simulations import Simulations
@@ -47,7 +47,8 @@ from dlo_ros.spline import FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
 
-COARSE_CONVERGED = 1e-2  # change of a logarithm at which the search goes on with a finer simulation
+COARSE_CONVERGED = 1e-2  # gain over the misfit at which the search goes on with a finer simulation
+MOVED = 1e-4  # change of a logarithm that asks for another simulation
 
 
 @dataclass(frozen=True)
@@ -81,8 +82,7 @@ class Identification:
         estimate: estimate of the parameters.
         recordings: agreement of each recording with the model, `train` before `validate`.
         noise_floor: the err that a perfect model would have [m], None where unknown.
-        iterations: number of iterations of the fit.
-        converged: whether it has.
+        converged: whether the fit has converged.
         fitted: the fit itself; None where a result was put together otherwise.
         set_up: estimated numbers of the set-up with standard deviations; empty where the data
             support an exact set-up.
@@ -91,7 +91,6 @@ class Identification:
     estimate: Estimate
     recordings: tuple[RecordingResult, ...]
     noise_floor: float | None
-    iterations: int
     converged: bool
     fitted: FittedMaterial | None = None
     set_up: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -162,7 +161,6 @@ def identify(
         estimate,
         tuple(results),
         float(np.mean(floors)) if floors else None,
-        found.iterations,
         found.converged,
         found,
         known,
@@ -179,8 +177,7 @@ class FittedMaterial:
         information: information of the data on them (4, 4).
         ignored: outlier pictures of each recording, shape (F,) each.
         settings: settings with the tolerance that was needed.
-        long_steps: tolerance of time steps that a search may take, see `Simulations`; None: that of
-            the settings.
+        long_steps: tolerance of time steps that a search may take; None: that of the settings.
         shifts: shifts by which the simulation's own error may have moved theta, each (4,).
         forces: information of measured forces, which theta and the information contain; None: there
             are no forces.
@@ -192,7 +189,6 @@ class FittedMaterial:
     ignored: list[np.ndarray]
     settings: Settings
     long_steps: float | None
-    iterations: int
     converged: bool
     shifts: Sequence[FloatArray] = ()
     forces: ForceInformation | None = None
@@ -215,59 +211,50 @@ def fitted(
     guess, simulations = logarithms(settings), Simulations(pool or Threads())
     theta = best_start(train, settings, guess, progress, simulations)
     LOG.info("best start: %s", _words(theta))
-    begun = evaluate(train, settings, guess, theta, simulations)
+    progress("fitting", 0.1)
     here = with_logarithms(settings, theta)
-    simulations.step_tolerance = simulations.long_steps(train, here, begun.forecasts)
-    fit, iterations, converged = descend(
-        train, settings, guess, theta, progress, simulations, converged=COARSE_CONVERGED,
-        begun=None if simulations.step_tolerance else begun,
-    )  # fmt: skip
-    ignored = outlier_pictures(fit.forecasts)
+    forecasts = simulations.vary(train, here)
+    none = [np.zeros(len(f.stamps), dtype=bool) for f in forecasts]
+    long_steps = simulations.long_steps(train, here, forecasts)
+    coarse = partial(searched, train, settings, converged=COARSE_CONVERGED)
+    found = coarse(theta, forecasts, none, tolerance=long_steps)
+    forecasts = simulations.vary(train, with_logarithms(settings, found.theta))
+    ignored = outlier_pictures(forecasts)
     LOG.info(
-        "coarse fit after %d iterations: %s; %d pictures left out",
-        iterations, _words(fit.theta), sum(int(m.sum()) for m in ignored),
+        "coarse fit: %s; %d pictures left out",
+        _words(found.theta), sum(int(m.sum()) for m in ignored),
     )  # fmt: skip
     if any(mask.any() for mask in ignored):
         # They have bent the search so far.
-        fit, more, _ = descend(
-            train, settings, guess, fit.theta, progress, simulations, ignored,
-            converged=COARSE_CONVERGED,
-        )  # fmt: skip
-        iterations += more
-    here = with_logarithms(settings, fit.theta)
-    long_steps = simulations.long_steps(train, here, fit.forecasts)
-    simulations.step_tolerance = None
-    fine = within_noise(settings, typical_distance([f.residual for f in fit.forecasts]))
-    ignored = outlier_pictures(fit.forecasts)
+        found = coarse(found.theta, forecasts, ignored, tolerance=long_steps)
+        forecasts = simulations.vary(train, with_logarithms(settings, found.theta))
+        ignored = outlier_pictures(forecasts)
+    progress("fitting", 0.5)
+    here = with_logarithms(settings, found.theta)
+    long_steps = simulations.long_steps(train, here, forecasts)
+    fine = within_noise(settings, typical_distance([f.residual for f in forecasts]))
     try:
-        fit, more, converged = descend(
-            train, fine, guess, fit.theta, progress, simulations, ignored
-        )
+        forecasts = simulations.vary(train, with_logarithms(fine, found.theta))
+        found = searched(train, fine, found.theta, forecasts, ignored)
     except SimulationError as err:
         LOG.warning("a finer simulation fails (%s); its error is larger than wanted", err)
         fine = settings
-        fit, more, converged = descend(
-            train, settings, guess, fit.theta, progress, simulations, ignored
-        )
-    iterations += more
-    LOG.info(
-        "fine fit after %d iterations%s: %s",
-        iterations, "" if converged else " (not converged)", _words(fit.theta),
-    )  # fmt: skip
+        found = searched(train, settings, found.theta, forecasts, ignored)
+    LOG.info("fine fit%s: %s", "" if found.converged else " (not converged)", _words(found.theta))
+    fit = evaluate(train, fine, found.theta, simulations, ignored)
     used = [without(f, mask) for f, mask in zip(fit.forecasts, ignored, strict=True)]
     shifts = numerical_shifts(train, fine, fit, ignored, simulations)
     information = data_information(used, with_logarithms(fine, fit.theta), shifts)
     theta = recentred(fit, guess, search_information(settings), information)
-    if float(np.abs(theta - fit.theta).max()) > CONVERGED:
+    if float(np.abs(theta - fit.theta).max()) > MOVED:
         try:
-            fit = evaluate(train, fine, guess, theta, simulations, ignored)
+            fit = evaluate(train, fine, theta, simulations, ignored)
         except SimulationError as err:
             LOG.warning("the estimate stays where the search ended: %s", err)
             theta = fit.theta
     return FittedMaterial(
-        fit, theta, information, ignored, fine, long_steps, iterations, converged,
-        shifts,
-    )  # fmt: skip
+        fit, theta, information, ignored, fine, long_steps, found.converged, shifts
+    )
 
 
 def _with_set_up(
@@ -287,7 +274,7 @@ def _with_set_up(
     fine = found.settings.with_effects(more.settings.effects)
     simulations = Simulations(pool or Threads())
     try:
-        fit = evaluate(train, fine, logarithms(given), more.theta, simulations, found.ignored)
+        fit = evaluate(train, fine, more.theta, simulations, found.ignored)
     except SimulationError as err:
         LOG.warning("the set-up is taken as exact: %s", err)
         return found, {}
@@ -318,8 +305,7 @@ def _with_forces(
         if forces is None:
             return found
         simulations = Simulations(pool or Threads())
-        guess = logarithms(given)
-        fit = evaluate(train, found.settings, guess, forces.theta, simulations, found.ignored)
+        fit = evaluate(train, found.settings, forces.theta, simulations, found.ignored)
     except SimulationError as err:
         LOG.warning("measured forces are not used: %s", err)
         return found

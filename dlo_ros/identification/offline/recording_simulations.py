@@ -21,18 +21,15 @@ LOG = logging.getLogger(__name__)
 
 @dataclass
 class Simulations:
-    """Pool, knot spans and time steps with which recordings are simulated.
+    """Pool and knot spans with which recordings are simulated.
 
     Args:
         pool: pool in which simulations run.
         spans: knot spans of each recording, with E/mu and tolerance for which they were judged.
-        step_tolerance: tolerance of the time steps where knot spans are known; None: that of the
-            settings.
     """
 
     pool: Pool = field(default_factory=Threads)
     spans: dict[int, tuple[float, float, Forecast]] = field(default_factory=dict)
-    step_tolerance: float | None = None
 
     def known(self, index: int, settings: Settings) -> Forecast | None:
         """A forecast whose resolution is fine enough for these settings, too."""
@@ -43,10 +40,6 @@ class Simulations:
         same = tolerance == settings.simulation.tolerance
         return found if same and 1 / RECHECK_RATIO < apart < RECHECK_RATIO else None
 
-    def stepped(self, settings: Settings) -> Settings:
-        """The settings with the tolerance of the time steps."""
-        return stepping(settings, self.step_tolerance or settings.simulation.tolerance)
-
     def vary(self, train: Sequence[Manipulation], settings: Settings) -> list[Forecast]:
         """Forecasts of all recordings with derivatives.
 
@@ -54,10 +47,8 @@ class Simulations:
             SimulationError: a recording cannot be simulated.
         """
         known = [self.known(k, settings) for k in range(len(train))]
-        steps = self.stepped(settings)
         tasks = [
-            (r, settings, None) if f is None else (r, steps, f.spans)
-            for r, f in zip(train, known, strict=True)
+            (r, settings, None if f is None else f.spans) for r, f in zip(train, known, strict=True)
         ]
         found = self.pool.map(_varied, tasks)
         for k, (before, now) in enumerate(zip(known, found, strict=True)):

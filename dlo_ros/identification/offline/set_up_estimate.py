@@ -19,6 +19,7 @@ from scipy.special import expit
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import logarithms, with_logarithms
+from dlo_ros.identification.offline.material_fit import seen
 from dlo_ros.identification.residual_information import determined_directions, model_shifts
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.joint import (
@@ -31,7 +32,7 @@ from dlo_ros.inference.joint import (
 )
 from dlo_ros.inference.joint_fit import ITERATIONS, fit, settled
 from dlo_ros.inference.losses import TO_REPORT, WHITE, misfit
-from dlo_ros.inference.measured import Recording, measured
+from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.time_steps import sufficient_time_steps
@@ -100,7 +101,7 @@ def weighed(
     exact = SetUp(theta, information, 0.0, settings, {})
     shortest = settings.simulation.tolerance
     recordings = [
-        replace(_seen(r, mask, settings), spans=s, tolerance=long_steps or shortest)
+        replace(seen(r, mask, settings), spans=s, tolerance=long_steps or shortest)
         for r, mask, s in zip(train, ignored, spans, strict=True)
     ]
     names = imposed_names(train)
@@ -121,18 +122,6 @@ def weighed(
         return exact
     probability = float(expit(at.posterior.evidence - stated))
     return _averaged(exact, at, probability, shifts)
-
-
-def _seen(recording: Manipulation, ignored: np.ndarray, settings: Settings) -> Recording:
-    """A recording without its outlier pictures."""
-    if ignored.any():
-        # A forecast may leave out the first picture, from where the motion starts.
-        first = len(recording.observations) - len(ignored)
-        seen = [
-            o for k, o in enumerate(recording.observations) if k < first or not ignored[k - first]
-        ]
-        recording = replace(recording, observations=tuple(seen))
-    return measured(recording, settings)
 
 
 def _best_valley(at: Evaluation, start: Evaluation, recordings: Sequence[Recording]) -> Evaluation:

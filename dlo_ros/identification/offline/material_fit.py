@@ -1,14 +1,12 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The material fit: parallel starts, then Gauss-Newton on the logarithms of the parameters.
+"""The material fit: parallel starts, then least squares on the logarithms of the parameters.
 
-Derivatives are exact or differences of simulations with shared steps. The cost is the concentrated
-likelihood, in which the noise is unknown, plus the prior. Recordings are simulated side by side in
-threads, since compiled code releases the interpreter's lock.
+The search is that of `dlo_ros.inference.joint_fit`. Where it has ended, derivatives are exact or
+differences of simulations with shared steps.
 """
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,23 +15,21 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.batched_forecast import forecast_each
-from dlo_ros.identification.estimate import search_information, with_logarithms
+from dlo_ros.identification.estimate import logarithms, with_logarithms
+from dlo_ros.identification.material_model import material_model
 from dlo_ros.identification.offline.recording_simulations import Simulations, stepping
-from dlo_ros.identification.residual_information import NOISE_LIMIT
-from dlo_ros.identification.residual_noise import correlation_length
 from dlo_ros.inference.forecast import Forecast, Manipulation
-from dlo_ros.inference.measured import MOST_GROSS, outliers
+from dlo_ros.inference.joint import evaluate as joint_evaluate
+from dlo_ros.inference.joint_fit import expected_gain, fit
+from dlo_ros.inference.losses import WhiteLoss
+from dlo_ros.inference.measured import MOST_GROSS, Recording, measured, outliers
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
-
-LOG = logging.getLogger(__name__)
 
 START_FACTORS = (1.0, 1 / 100, 1 / 30, 1 / 10, 1 / 3, 3.0, 10.0, 30.0, 100.0)  # of E/mu
 SCAN_SECONDS = 4.0  # of each recording, for the comparison of starts
 MAX_ITERATIONS = 30
-CONVERGED = 1e-4  # change of a logarithm
-LEAST_GAIN = 5e-3  # gain of the log likelihood, repeated residuals counted once
-LONGEST_STEP = 1.5  # change of a logarithm in one iteration
+CONVERGED = 1e-4  # gain over the misfit
 STEP_COARSER = 2.0  # of the time steps, to see what they do
 SCAN_TOLERANCE = 1e-3  # of the simulations by which starts are compared
 
@@ -47,20 +43,22 @@ class MaterialFit:
     Args:
         theta: ln (E, mu, c, t_r).
         forecasts: forecasts of all recordings, with derivatives.
-        cost: see above.
         normal: J^T J summed over recordings (4, 4) [m^2].
         gradient: J^T r (4,).
-        sum_of_squares: sum of squared residuals [m^2].
-        count: residual numbers that can differ from zero.
     """
 
     theta: FloatArray
     forecasts: list[Forecast]
-    cost: float
     normal: FloatArray
     gradient: FloatArray
-    sum_of_squares: float
-    count: int
+
+
+@dataclass(frozen=True)
+class Searched:
+    """Where a search has ended: ln (E, mu, c, t_r), and whether it has converged."""
+
+    theta: FloatArray
+    converged: bool
 
 
 def _scanned(task: tuple[Manipulation, list[Settings], int]) -> list[float]:
@@ -81,14 +79,6 @@ def _coarser(task: tuple[Manipulation, Settings, Settings, int, int]) -> list[Fo
         *forecast_each(recording, [steps], spans=spans),
         *forecast_each(recording, [current], spans=half),
     ]
-
-
-def count_numbers(residual: FloatArray) -> int:
-    """Numbers of a residual that carry information: planar recordings have no y."""
-    squares = np.sum(residual**2, axis=(0, 1))
-    active = int(np.count_nonzero(squares > 1e-9 * max(float(squares.max()), 1e-300)))
-    frames, n, _ = (int(k) for k in residual.shape)
-    return frames * n * max(active, 1)
 
 
 def best_start(
@@ -126,17 +116,15 @@ def best_start(
 def evaluate(
     train: Sequence[Manipulation],
     settings: Settings,
-    guess: FloatArray,
     theta: FloatArray,
     simulations: Simulations,
-    ignored: Sequence[np.ndarray] | None = None,
+    ignored: Sequence[np.ndarray],
 ) -> MaterialFit:
     """Simulate all recordings with sensitivities at theta.
 
     Args:
         train: recordings.
         settings: settings of the search.
-        guess: logarithms beforehand.
         theta: logarithms.
         simulations: pool and resolutions of the simulations.
         ignored: pictures of each recording that do not count, shape (F,) each.
@@ -146,21 +134,15 @@ def evaluate(
     """
     forecasts = simulations.vary(train, with_logarithms(settings, theta))
     size = len(theta)
-    normal, gradient, sum_of_squares, count = np.zeros((size, size)), np.zeros(size), 0.0, 0
-    for k, f in enumerate(forecasts):
-        used = f if ignored is None else without(f, ignored[k])
+    normal, gradient = np.zeros((size, size)), np.zeros(size)
+    for f, mask in zip(forecasts, ignored, strict=True):
+        used = without(f, mask)
         assert used.derivative is not None
         j = used.derivative.transpose(0, 2, 3, 1).reshape(-1, size)
-        r = used.residual.ravel()
         # Each recording counts by its frames.
         normal += j.T @ j
-        gradient += j.T @ r
-        sum_of_squares += float(r @ r)
-        count += count_numbers(used.residual)
-    off = np.where(np.isfinite(guess), theta - guess, 0.0)
-    prior = float(off @ search_information(settings) @ off)
-    cost = 0.5 * count * np.log(max(sum_of_squares / count, NOISE_LIMIT**2)) + 0.5 * prior
-    return MaterialFit(theta, forecasts, cost, normal, gradient, sum_of_squares, count)
+        gradient += j.T @ used.residual.ravel()
+    return MaterialFit(theta, forecasts, normal, gradient)
 
 
 def without(found: Forecast, ignored: np.ndarray) -> Forecast:
@@ -184,76 +166,51 @@ def outlier_pictures(forecasts: Sequence[Forecast]) -> list[np.ndarray]:
     return [m if m.mean() < MOST_GROSS else np.zeros_like(m) for m in masks]
 
 
-def descend(
+def searched(
     train: Sequence[Manipulation],
     settings: Settings,
-    guess: FloatArray,
     theta: FloatArray,
-    progress: Progress,
-    simulations: Simulations,
-    ignored: Sequence[np.ndarray] | None = None,
+    forecasts: Sequence[Forecast],
+    ignored: Sequence[np.ndarray],
     *,
+    tolerance: float | None = None,
     converged: float = CONVERGED,
-    begun: MaterialFit | None = None,
-) -> tuple[MaterialFit, int, bool]:
-    """Levenberg-Marquardt; see `evaluate`.
+) -> Searched:
+    """Least squares from a point, with simulations that stay as fine as they are there.
 
     Args:
-        converged: change of a logarithm at which it stops.
-        begun: evaluation at theta, where it is known.
+        train: recordings.
+        settings: the parameter file, perhaps with a set-up, and the tolerance of its simulations.
+        theta: logarithms from where it begins.
+        forecasts: forecasts of the recordings there.
+        ignored: see `evaluate`.
+        tolerance: tolerance of the time steps; None: that of the settings.
+        converged: gain over the misfit at which it ends.
 
-    Returns:
-        The best point, the iterations, and whether it has converged.
+    Raises:
+        SimulationError: a recording cannot be simulated where it begins.
     """
-    prior = search_information(settings)
-    fit = begun or evaluate(train, settings, guess, theta, simulations, ignored)
-    damping = 1e-3
-    for iteration in range(1, MAX_ITERATIONS + 1):
-        progress("fitting", iteration / MAX_ITERATIONS)
-        scale = fit.count / max(fit.sum_of_squares, fit.count * NOISE_LIMIT**2)
-        off = np.where(np.isfinite(guess), fit.theta - guess, 0.0)
-        normal = scale * fit.normal + prior
-        correlation_time = autocorrelation_time(fit.forecasts)
-        judged = normal / correlation_time
-        slope = scale * fit.gradient - prior @ off
-        accepted = False
-        for _ in range(12):
-            lhs = normal + damping * np.diag(np.diag(normal))
-            step = np.asarray(np.linalg.solve(lhs, slope), dtype=np.float64)
-            step *= min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
-            if _negligible(step, judged, converged):
-                return fit, iteration, True
-            try:
-                trial = evaluate(train, settings, guess, fit.theta + step, simulations, ignored)
-            except SimulationError:
-                damping = max(damping, 1e-3) * 10.0
-                continue
-            if trial.cost <= fit.cost + 1e-9 * abs(fit.cost):
-                accepted = True
-                break
-            damping = max(damping, 1e-3) * 10.0
-        if not accepted:
-            return fit, iteration, True
-        gained = fit.cost - trial.cost
-        fit = trial
-        LOG.debug("iteration %d: cost %.4f, %.4f less", iteration, fit.cost, gained)
-        damping *= 0.1
-        if gained < LEAST_GAIN * correlation_time and damping < 1e-2:
-            return fit, iteration, True
-    LOG.warning("the fit has not converged after %d iterations", MAX_ITERATIONS)
-    return fit, MAX_ITERATIONS, False
+    step = tolerance or settings.simulation.tolerance
+    recordings = [
+        replace(seen(r, mask, settings), spans=f.spans, tolerance=step)
+        for r, mask, f in zip(train, ignored, forecasts, strict=True)
+    ]
+    model = material_model(with_logarithms(settings, theta), settings)
+    loss = WhiteLoss(converged=converged)
+    at = fit(joint_evaluate(model, recordings), recordings, MAX_ITERATIONS, loss=loss)
+    return Searched(logarithms(at.model.settings), expected_gain(at, loss) < loss.least_gain(at))
 
 
-def autocorrelation_time(forecasts: Sequence[Forecast]) -> float:
-    """Integrated autocorrelation time of the residuals, in pictures."""
-    residuals = [f.residual for f in forecasts]
-    return correlation_length(residuals, 0) * correlation_length(residuals, 1)
-
-
-def _negligible(step: FloatArray, normal: FloatArray, converged: float) -> bool:
-    """Whether a step is small, or far below the standard deviations."""
-    sigmas = float(np.sqrt(max(float(step @ normal @ step), 0.0)))
-    return float(np.abs(step).max()) < converged or sigmas < 0.01
+def seen(recording: Manipulation, ignored: np.ndarray, settings: Settings) -> Recording:
+    """A recording without its outlier pictures, shape (F,) of the last F."""
+    if ignored.any():
+        # A forecast may leave out the first picture, from where the motion starts.
+        first = len(recording.observations) - len(ignored)
+        kept = [
+            o for k, o in enumerate(recording.observations) if k < first or not ignored[k - first]
+        ]
+        recording = replace(recording, observations=tuple(kept))
+    return measured(recording, settings)
 
 
 def numerical_shifts(

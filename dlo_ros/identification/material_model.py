@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The plain model: E, mu and damping are open, given effects stay."""
+"""The plain model, whose material alone is open: E, mu and damping; given effects stay."""
 
 from __future__ import annotations
 
@@ -11,13 +11,17 @@ from dlo_ros.inference.priors import believed, material_priors
 from dlo_ros.parameters import Settings
 
 
-def plain_model(settings: Settings) -> ParametricModel:
-    """The plain model at the values of the parameter file, which its priors lie around.
+def material_model(start: Settings, given: Settings) -> ParametricModel:
+    """The plain model, with priors about the parameter file's values.
 
     What was measured beforehand stays near its value: a fit that pushes it further does the work of
     a cause that nobody names.
+
+    Args:
+        start: values from where a fit begins.
+        given: the parameter file.
     """
-    return ParametricModel(settings, tuple(map(_sought, material_priors(settings))))
+    return ParametricModel(start, tuple(map(_sought, material_priors(given))))
 
 
 def _sought(p: Parameter) -> Parameter:
