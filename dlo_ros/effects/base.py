@@ -62,6 +62,7 @@ class Body:
         bend_rest: curvature at rest about them [1/m], shape (nb, 2); in the board's plane the
             first director is +y.
         twist_rest: twist at rest [rad/m], shape (nb,).
+        twisting_ratio: twisting stiffness over that of a round section.
         line_density: mass per length [kg/m].
         air_drag: force per length over velocity [N s/m^2].
         relaxation_time: relaxation time of Kelvin-Voigt damping [s].
@@ -98,6 +99,7 @@ class Body:
     air_drag: float
     relaxation_time: float
     gravity: FloatArray
+    twisting_ratio: float = 1.0
     force: FloatArray = field(default_factory=lambda: np.zeros(3))
     masses: list[tuple[float, float]] = field(default_factory=list)
     kinks: list[tuple[float, float]] = field(default_factory=list)

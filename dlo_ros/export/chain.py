@@ -162,7 +162,8 @@ def build_chain(
 
     bend = 1.0 / whole(1.0 / body.bend.mean(axis=1))
     bend = np.minimum(bend, STIFFEST * bend.min())
-    twist = np.full(joints, settings.rod.shear_modulus * 2.0 * settings.rod.second_moment / h)
+    round_ = settings.rod.shear_modulus * 2.0 * settings.rod.second_moment
+    twist = np.full(joints, body.twisting_ratio * round_ / h)
     rest = np.column_stack(
         [whole(body.twist_rest), whole(body.bend_rest[:, 0]), whole(body.bend_rest[:, 1])]
     )

@@ -21,7 +21,7 @@ from dlo_ros.export.format_support import CHAIN, body_fields
 from dlo_ros.export.grips import Grip, Pose
 from dlo_ros.spline import FloatArray
 
-FIELDS = CHAIN | body_fields("air_drag quadratic_drag twist_rest")
+FIELDS = CHAIN | body_fields("air_drag quadratic_drag twist_rest twisting_ratio")
 """Fields of the rod that the format can express."""
 PLUGIN = "mujoco.elasticity.cable"
 WELD = 2.0  # time constant of the grips, in steps: the hardest that MuJoCo allows

@@ -20,7 +20,7 @@ from dlo_ros.export.format_support import CHAIN, body_fields
 from dlo_ros.export.grips import Grip, Pose
 from dlo_ros.spline import FloatArray
 
-FIELDS = CHAIN | body_fields("air_drag twist_rest")
+FIELDS = CHAIN | body_fields("air_drag twist_rest twisting_ratio")
 """Fields of the rod that the format can express."""
 DEGREE = math.pi / 180.0
 LOCKED = ("transX", "transY", "transZ")

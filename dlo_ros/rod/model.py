@@ -161,6 +161,7 @@ class RodModel:
         rod, body = self.settings.rod, self.body
         nb, longer = self.rule.weight.size, body.lengthening
         twist = rod.shear_modulus * 2.0 * rod.second_moment * self.section[2]
+        twist *= body.twisting_ratio
         return Stiffness(
             stretch=np.full(nb, rod.young_modulus * rod.area / longer),
             stretch_rest=np.full(nb, longer - 1.0),

@@ -59,6 +59,7 @@ EFFECTS: Mapping[str, Mapping[str, Key]] = {
         "across": Key("1/m", -1e3, 1e3, 0.0, listed=True),
     },
     "anisotropy": {"ratio": Key("", 1e-3, 1e3), "angle": Key("rad", -PI, PI, 0.0)},
+    "twisting_stiffness": {"ratio": Key("", 1e-3, 1e3)},
     "clamp_angle": {
         "start": Key("rad", -PI, PI, 0.0, counts=ONE_OR_TURN),
         "end": Key("rad", -PI, PI, 0.0, counts=ONE_OR_TURN),

@@ -77,6 +77,7 @@ def build_spatial_rod(
     rod.force[:, 1] = rod.vertex_lengths * hidden.number("constant_force", "y")
     u, length = rod.u * (settings.rod.length / rod.u[-1]), settings.rod.length
     rod.second_curvature = _over_vertices(u, lambda at: _curvature(at, length, hidden, "across"))
+    rod.twist_stiffness *= hidden.number("twisting_stiffness", "ratio", 1.0)
     ratio = hidden.number("anisotropy", "ratio", 1.0)
     angle = hidden.number("anisotropy", "angle")
     soft = np.array([np.cos(angle), np.sin(angle)])  # axis about which it bends more easily

@@ -74,6 +74,7 @@ def test_every_effect_is_looked_for():
         "grip_angle",
         "camera_shift",
         "anisotropy",
+        "twisting_stiffness",
     }
     assert found.clamps == ("start",)
     # Damping that is a guess is fitted anyway, and cannot be exceeded.

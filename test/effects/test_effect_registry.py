@@ -19,6 +19,7 @@ NAMES = {
     "camera_rotation", "obstacle", "constant_force", "clamp_offset", "camera_shift",
     "clamp_compliance", "connector", "quadratic_drag", "wall",
     "hysteresis", "viscoelasticity", "anisotropy", "grip_offset", "grip_angle",
+    "twisting_stiffness",
 }  # fmt: skip
 
 

@@ -121,7 +121,8 @@ def same(a, b):
         for x, y in zip(a.grips, b.grips, strict=True)
     )
     return (
-        rest and grips and np.allclose(a.bend, b.bend) and np.allclose(a.gravity, b.gravity)
+        rest and grips and np.allclose(a.bend, b.bend) and np.allclose(a.twist, b.twist)
+        and np.allclose(a.gravity, b.gravity)
         and all(getattr(a, n) == getattr(b, n) for n in numbers)
     )  # fmt: skip
 

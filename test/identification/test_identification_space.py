@@ -6,6 +6,7 @@ import pytest
 import yaml
 from ordinary import some_of
 
+from dlo_ros.cli.identify_results import remarks
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis import diagnose
 from dlo_ros.identification import identify
@@ -36,6 +37,34 @@ def test_the_ratio_is_found_from_thirty_times_off(factor, tmp_path):
     assert found.specific_modulus == pytest.approx(ratio, rel=0.02)
     assert abs(found.specific_modulus - ratio) < 4.0 * found.specific_modulus_std
     assert found.density_std is None  # a motion alone tells E/mu
+
+
+@pytest.mark.parametrize("ratio", some_of([0.4, 2.5], [2.5]))
+def test_a_twisting_stiffness_is_told_where_a_turned_clamp_tells_it(ratio, tmp_path):
+    effects = {"twisting_stiffness": {"ratio": ratio}}
+    recording, made = recorded(tmp_path, 3.0, effects, 2.0)
+    found = identify([recording], made.guess)
+    told, std = found.set_up["effects.twisting_stiffness.ratio"]
+    assert told == pytest.approx(ratio, rel=0.03)
+    assert abs(told - ratio) < 3.0 * std < 0.15 * ratio
+    true = made.truth.rod.specific_modulus
+    assert found.estimate.specific_modulus == pytest.approx(true, rel=0.02)
+
+
+def test_a_free_end_tells_no_twisting_stiffness(tmp_path):
+    """A rope that is not held at its end untwists, whatever the stiffness."""
+    tree = yaml.safe_load(find_experiment("simple").read_text())
+    tree["guess"] = {"rod": {"young_modulus": 5e7, "density": 2000.0}}
+    tree["parameters"]["effects"] = {
+        "gravity_tilt": {"across": 0.3},
+        "clamp_angle": {"start": [0.1, 0.0, 0.1]},
+    }
+    made = read_experiment(tree | {"duration": 1.5}, "free", "free.yaml")
+    synthesize(made, tmp_path / "bag", images=False, edges=60, step=4e-3)
+    found = identify([load_manipulation(tmp_path / "bag", made.guess)], made.guess)
+    told, std = found.set_up["effects.twisting_stiffness.ratio"]
+    assert std > 0.3 * told
+    assert not any("twisting" in line for line in remarks(found))
 
 
 @pytest.mark.slow

@@ -124,6 +124,8 @@ ACROSS = [
     ("effects.anisotropy.ratio", {"anisotropy": {"ratio": 3.0, "angle": 0.4}}, SMOOTH),
     ("effects.anisotropy.angle", {"anisotropy": {"ratio": 3.0, "angle": 0.4}}, SMOOTH),
     ("effects.anisotropy.angle", {"anisotropy": {"ratio": 3.0, "angle": 0.4}, **CREEPS}, SMOOTH),
+    ("effects.twisting_stiffness.ratio", {"twisting_stiffness": {"ratio": 1.0}}, SMOOTH),
+    ("effects.twisting_stiffness.ratio", {"twisting_stiffness": {"ratio": 2.0}}, SMOOTH),
     ("effects.camera_rotation.angle[0]",
      {"camera_rotation": {"angle": (0.02, 0.01, -0.03)}}, SMOOTH),
     ("effects.camera_shift.y", {"camera_shift": {"x": 0.003, "y": 0.002}}, SMOOTH),
