@@ -26,9 +26,11 @@ from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.synthesis.experiment import read_experiment
+from dlo_ros.synthesis.synthesize import synthesize
 from dlo_ros.synthesis.true_motion import build_simulation, simulate
 from field.generate import _guessed, draw
 from field.nuisances import DEGREE, smooth
+from field.stereo import draw as draw_in_space
 
 POINTS = 100
 """Measured points along the rope."""
@@ -37,6 +39,11 @@ MEMORY, STRETCH, GROSS, FIXED = 0.5, 0.01, 0.05, 5e-4
 that all pictures have in common, over L."""
 TURNED, MOVED = 3.0 * DEGREE, 2e-3
 """Angle [rad] and offset [m] of a clamp that is off."""
+TWIST, TWISTING = "twisting_stiffness", 0.7
+"""The effect by which a rope resists twist otherwise, and the spread of its logarithm."""
+RECORDED = ("parameters", "guess", "duration", "initial_shape", "motion", "camera")
+"""Parts of an experiment in space that is measured without cameras."""
+EDGES = 60
 SLOWLY = 10.0
 """Duration of a rope at rest over that of a motion."""
 STEP = 1e-3
@@ -51,12 +58,14 @@ class Drawn:
         guess: settings that are known beforehand.
         ratio: true E/mu [m^2/s^2].
         thickness: true diameter over the one that is known; shapes tell E D^2/mu.
+        twisting: true twisting stiffness over that of a round section; None: it is that.
     """
 
     recordings: list[Manipulation]
     guess: Settings
     ratio: float
     thickness: float = 1.0
+    twisting: float | None = None
 
 
 def condition(seed: int, name: str) -> Drawn:
@@ -161,12 +170,38 @@ def field_case(seed: int) -> Drawn:
     return Drawn(recordings, guess, rod["young_modulus"] / rod["density"], thickness)
 
 
-CONDITIONS = ("clean", "correlated", "stretched", "gross", "clamp", "rest", "still", "field")
+def space_case(seed: int) -> Drawn:
+    """One recording of 3 s in space, of grippers that move and turn; E up to 30 times off.
+
+    Points are measured without a camera, and no twist. The twisting stiffness is drawn; every other
+    rope has a free end.
+    """
+    case = draw_in_space(seed, "free" if seed % 2 else "grippers")
+    (tree,) = case.trees
+    ratio = float(np.exp(TWISTING * np.random.default_rng([seed, 5]).normal()))
+    tree["parameters"]["effects"] = {TWIST: {"ratio": ratio}}
+    rod = tree["parameters"]["rod"]
+    made = read_experiment({k: tree[k] for k in RECORDED}, "space", "coverage")
+    with tempfile.TemporaryDirectory() as folder:
+        bag = Path(folder) / "bag"
+        synthesize(made, bag, images=False, seed=seed, edges=EDGES, step=2.0 * STEP)
+        recording = load_manipulation(bag, made.guess)
+    return Drawn([recording], made.guess, rod["young_modulus"] / rod["density"], twisting=ratio)
+
+
+CONDITIONS = (
+    "clean", "correlated", "stretched", "gross", "clamp", "rest", "still", "field", "space"
+)  # fmt: skip
 
 
 def offline(drawn: Drawn) -> Estimate:
-    """The estimate of `identify`."""
-    return identify(drawn.recordings, drawn.guess).estimate
+    """The estimate of `identify`; where the twisting stiffness is drawn, what is told of it."""
+    found = identify(drawn.recordings, drawn.guess)
+    if drawn.twisting is not None:
+        told = found.set_up.get(f"effects.{TWIST}.ratio")
+        words = "taken as stated" if told is None else "{:.3g} +- {:.2g}".format(*told)
+        print(f"twisting stiffness {words}, truly {drawn.twisting:.3g}; ", end="")
+    return found.estimate
 
 
 def live(drawn: Drawn) -> Estimate:
@@ -187,6 +222,8 @@ def main() -> None:
         drawn = (
             field_case(seed)
             if arguments.condition == "field"
+            else space_case(seed)
+            if arguments.condition == "space"
             else condition(seed, arguments.condition)
         )
         began = time.process_time()

@@ -31,6 +31,7 @@ def set_up_in_space(rng: np.random.Generator, length: float, ends: tuple[str, ..
     """Errors of a set-up with all their freedom, see `nuisances.set_up`."""
     n = rng.normal
     effects = set_up(rng, length, ends)
+    effects["twisting_stiffness"] = {"ratio": float(np.exp(0.7 * n()))}
     effects["gravity_tilt"]["across"] = DEGREE * n()
     effects["camera_rotation"]["angle"] = (0.5 * DEGREE * n(size=3)).tolist()
     effects["camera_shift"]["y"] = 5e-3 * length * n()
