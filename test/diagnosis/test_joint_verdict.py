@@ -139,19 +139,22 @@ def test_held_out_is_a_recording_that_others_can_foretell(recordings, number):
     assert held_out_recording(recordings) == number
 
 
-def own_err(monkeypatch, noises, still=(), free=(), along=1e-6):
+def own_err(monkeypatch, noises, still=(), free=(), along=1e-6, slides=()):
     """The measurement's own ERR in recordings with these stds of the noise [m], L = 1 m.
 
     Args:
         still: recordings in which the DLO does not move.
         free: recordings with a free end.
         along: error along the DLO there that stays [m].
+        slides: error of u that measured points leave open in each recording [m]; none: no points.
     """
     monkeypatch.setattr(measurement_error, "_staying", lambda *_: np.array([1e-10, along**2]))
     monkeypatch.setattr(measurement_error, "_noise", lambda std, *_: np.array([std**2, 0.0]))
     ends = {k: ("end",) if k in free else () for k in range(len(noises))}
     monkeypatch.setattr(measurement_error, "free_ends", lambda k, _: ends[k])
     monkeypatch.setattr(measurement_error, "_stretched", lambda _, ends, __: float(len(ends)))
+    errors = iter(slides)
+    monkeypatch.setattr(measurement_error, "_along", lambda *_: next(errors) ** 2)
     settings = SimpleNamespace(rod=SimpleNamespace(length=1.0))
     at = SimpleNamespace(
         model=SimpleNamespace(settings=settings), variances=noises, spectra=[None] * len(noises),
@@ -161,7 +164,10 @@ def own_err(monkeypatch, noises, still=(), free=(), along=1e-6):
     shapes = np.random.default_rng(0).normal(size=(9, 4, 3))
     seen = [
         SimpleNamespace(
-            observed=shapes * (k not in still), times=np.arange(9.0), beyond=None, manipulation=k
+            observed=shapes * (k not in still),
+            times=np.arange(9.0),
+            beyond=0.0 if slides else None,
+            manipulation=k,
         )
         for k in range(len(noises))
     ]
@@ -217,6 +223,17 @@ def test_u_may_be_stretched_towards_a_free_end(monkeypatch):
     # One of three with a free end is no error of its own beside those that are held.
     alone = own_err(monkeypatch, (1e-4, 1e-4, 1e-4), free=(0,), along=8e-3)
     assert alone == pytest.approx((3.0 * held + 2.0 * held) / 3.0, rel=0.02)
+
+
+def test_a_free_end_that_points_see_too_early_or_too_late_is_compared_with_its_like(monkeypatch):
+    """A recording held at both ends tells nothing of how well a free end is seen."""
+    beside_held = own_err(monkeypatch, (1e-6, 1e-6), free=(1,), slides=(1e-4, 8e-3))
+    assert beside_held == pytest.approx(4.05e-3, rel=0.02)
+    both_free = own_err(monkeypatch, (1e-6, 1e-6), free=(0, 1), slides=(1e-4, 8e-3))
+    assert both_free == pytest.approx(2e-4, rel=0.02)
+    # Errors across the DLO are those of the tracker all the same.
+    across = own_err(monkeypatch, (1e-4, 8e-3), free=(1,), slides=(1e-6, 1e-6))
+    assert across == pytest.approx(2e-4, rel=0.05)
 
 
 @pytest.mark.parametrize(

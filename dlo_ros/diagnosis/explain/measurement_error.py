@@ -47,9 +47,10 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
     The latter are taken as each recording shows them, since few numbers cause them: their
     variance is that of all recordings together. The error of u that measured points leave open
     counts as each recording shows it, too. None counts for more than `ALIKE` of the others in
-    which the DLO moves, of those with as many free ends where there are any.
+    which the DLO moves, of those with as many free ends where there are any. Where there are none,
+    that error of u is left out of the comparison: it is a free end's.
     """
-    found, telling, kinds = [], [], []
+    found, slides, telling, kinds = [], [], [], []
     length = at.model.settings.rod.length
     most = (LARGEST * length) ** 2
     for (residual, _), variances, s, recording, predicted in zip(
@@ -67,18 +68,32 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
         still = np.mean(np.sum(moved**2, axis=2)) < np.sum(staying)
         own = (STILL if still else 1.0) ** 2 * staying
         variance = np.minimum(_noise(variances, recording), most) + own
+        found.append(variance)
+        slides.append(0.0)
         if recording.beyond is not None:
-            variance[ALONG] += min(_along(recording, predicted, at.model.settings), most)
-        found.append(mean_length(np.sqrt(variance)))
+            slides[-1] = min(_along(recording, predicted, at.model.settings), most)
         telling.append(not still and len(recording.times) >= FEWEST_FRAMES)
-    owns = np.array(found)
-    for k in range(len(owns)):
-        others = np.array(telling) & (np.arange(len(owns)) != k)
+    whole = [_size(v, u) for v, u in zip(found, slides, strict=True)]
+    bare = [_size(v, 0.0) for v in found]
+    owns = []
+    for k in range(len(found)):
+        others = np.array(telling) & (np.arange(len(found)) != k)
         alike = others & (np.array(kinds) == kinds[k])
-        others = alike if alike.any() else others
-        if others.any():
-            owns[k] = min(owns[k], ALIKE * float(np.median(np.array(found)[others])))
+        if alike.any():
+            owns.append(min(whole[k], ALIKE * float(np.median(np.array(whole)[alike]))))
+        elif others.any():
+            share = min(1.0, ALIKE * float(np.median(np.array(bare)[others])) / bare[k])
+            owns.append(_size(share**2 * found[k], slides[k]))
+        else:
+            owns.append(whole[k])
     return float(np.mean(owns))
+
+
+def _size(variance: FloatArray, slide: float) -> float:
+    """ERR of errors with variances in each direction (D,) and of u [m^2]."""
+    variance = variance.copy()
+    variance[ALONG] += slide
+    return mean_length(np.sqrt(variance))
 
 
 def _staying(variances: Variances, s: Spectrum) -> FloatArray:
