@@ -14,6 +14,7 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis
 from dlo_ros.diagnosis.findings.joint_learning import (
     Learned,
     TrainingSet,
+    all_learned_from,
     learn,
     nearer,
     surprising,
@@ -75,35 +76,43 @@ def diagnose(
     sharper = _sharper(plain, found, beginning, given)
     if sharper is not None:
         beginning = sharper
-        plain, found = _explained(beginning, count, given, progress)
+        plain, found = _explained(beginning, count, given, progress, found)
     progress("measuring the gain", 1.0)
     outcome = joint_outcome(beginning, plain, found, given)
     return with_forces(outcome, recordings, given, _left_out(beginning))
 
 
 def _explained(
-    beginning: Beginning, count: int, given: Settings, progress: Progress
-) -> tuple[Evaluation, Learned]:
+    beginning: Beginning, count: int, given: Settings, progress: Progress,
+    before: Learned | None = None,
+) -> tuple[Evaluation, Learned]:  # fmt: skip
     """The plain model fitted to the first `count` recordings, and their explanation.
 
     It is learned from all of them where the one that is held out shows what the others do not.
+
+    Args:
+        before: what was learned with a coarser simulation; None: nothing.
     """
     learned = beginning.recordings[:count]
     plain = _learned(beginning, count, given)
     rough = cache(partial(drafts, learned, plain))
 
-    def explained(begun: TrainingSet) -> Learned:
-        return learn(begun, given, _met(rough, plain, begun, given, progress))
+    def explained(begun: TrainingSet, known: Learned | None) -> Learned:
+        contacts = partial(_met, rough, plain, begun, given, progress)
+        return learn(begun, given, contacts, None if known is None else known.explanation)
+
+    def begin_with(*, all_of_them: bool) -> TrainingSet:
+        settings = plain.model.settings
+        return training_set(beginning, count, settings, given, all_of_them=all_of_them)
 
     progress("fitting the joint model", 0.0)
-    begun = training_set(beginning, count, plain.model.settings, given)
-    found = explained(begun)
+    begun = begin_with(all_of_them=before is not None and all_learned_from(before))
+    found = explained(begun, before)
     if not surprising(begun, found):
         return plain, found
     progress("fitting the joint model to all recordings", 0.3)
     try:
-        begun = training_set(beginning, count, plain.model.settings, given, all_of_them=True)
-        again = explained(begun)
+        again = explained(begin_with(all_of_them=True), found)
     except SimulationError as err:
         LOG.info("not learned from all recordings: %s", err)
         return plain, found

@@ -30,13 +30,14 @@ def evaluation(evidence, err):
     return SimpleNamespace(posterior=SimpleNamespace(evidence=evidence), mean_err=err)
 
 
-def best_of(monkeypatch, fits, ends=None, promised=None):
+def best_of(monkeypatch, fits, ends=None, promised=None, least=np.inf):
     """The cause that is added, and what became of each, by name.
 
     Args:
         fits: evidence and ERR [m] of short fits.
         ends: the same of those that are fitted to the end, where that is not where they began.
         promised: predicted gains, of which the first come nearest; default: all gain alike.
+        least: see `best_trial`.
     """
     promised = promised or dict.fromkeys(fits, 10.0)
     promises = [
@@ -63,7 +64,7 @@ def best_of(monkeypatch, fits, ends=None, promised=None):
     monkeypatch.setattr(candidate_trials, "fitted", short)
     monkeypatch.setattr(candidate_trials, "fit", long)
     at = evaluation(0.0, 2e-3)
-    best, trace = candidate_trials.best_trial(1, at, [(at, promises)], ())
+    best, trace = candidate_trials.best_trial(1, at, [(at, promises)], (), least)
     return best and best[1].label, {step.name: step.outcome for step in trace}
 
 
@@ -113,6 +114,30 @@ def test_trials_are_those_of_different_effects(monkeypatch):
 def test_a_small_gain_is_no_cause(monkeypatch):
     added, told = best_of(monkeypatch, {"mass": (2.0, 1e-3)})
     assert added is None and told == {"mass": "gains too little"}
+
+
+def test_nothing_is_fitted_where_no_proposal_comes_near_enough(monkeypatch):
+    fits = {"mass": (9.0, 1e-3), "tilt": (20.0, 1e-3)}
+    assert best_of(monkeypatch, fits, least=1e-3)[0] == "tilt"  # the first steps lead to 1 mm
+    added, told = best_of(monkeypatch, fits, least=0.9e-3)
+    assert added is None
+    assert told == dict.fromkeys(fits, "takes too little")
+
+
+@pytest.mark.parametrize(("own", "least"), [(0.5e-3, 0.54e-3), (0.4e-3, np.inf)])
+def test_where_nothing_matters_a_further_cause_must_come_nearer_at_once(monkeypatch, own, least):
+    mass = SimpleNamespace(label="mass", effect="mass", start=object())
+    asked = []
+    without_simulations(monkeypatch, own)
+
+    def best_trial(number, at, offers, recordings, least):
+        asked.append(least)
+        return ((evaluation(40.0, 0.6e-3), mass) if number == 1 else None), []
+
+    monkeypatch.setattr(cause_search, "best_trial", best_trial)
+    found = cause_search.search(evaluation(0.0, 2e-3), None, (), (), 0.1e-3)
+    assert [c.label for c in found.causes] == ["mass"]
+    assert asked == [np.inf, pytest.approx(least)]
 
 
 def without_simulations(monkeypatch, own_err):
@@ -295,7 +320,7 @@ def test_a_search_begins_with_what_lies_far_off_where_it_is_needed(
 def test_where_the_set_up_is_strained_causes_are_looked_for_beside_a_neutral_one(monkeypatch):
     offers = []
 
-    def best_trial(number, at, given, recordings):
+    def best_trial(number, at, given, recordings, _):
         offers.append([e for e, _ in given])
         return None, []
 

@@ -83,7 +83,7 @@ class Step:
 
 def best_trial(
     number: int, at: Evaluation, offers: Sequence[tuple[Evaluation, Sequence[PredictedGain]]],
-    recordings: Sequence[Recording],
+    recordings: Sequence[Recording], least: float = np.inf,
 ) -> tuple[Trial | None, list[Step]]:  # fmt: skip
     """Fit the proposals of the largest predicted gains; return the best, if it is worth adding.
 
@@ -91,6 +91,7 @@ def best_trial(
         number: number of the step, for the trace.
         at: the joint model over which a proposal must gain.
         offers: models from which fits may begin, each with its predictions, best first.
+        least: ERR [m], within which one must come by its first steps: otherwise none is fitted.
 
     Returns:
         The best trial, None where none is worth it, and what became of each proposal.
@@ -109,6 +110,9 @@ def best_trial(
                 LOG.info("%s: %s", name, reason)
                 trace.append(Step(number, name, predicted.gain, None, "cannot be simulated"))
     checked = _various(checked)
+    if all(err > least for err, _ in checked):
+        rows = [(p.proposal.label, p.gain, err) for err, p in checked]
+        return None, [*trace, *(Step(number, *row, "takes too little") for row in rows)]
     # A few steps tell little of what must leave the set-up's wrong valley first: one trial is that
     # of the largest predicted gain.
     most = max(range(len(checked)), key=lambda k: checked[k][1].gain, default=0)

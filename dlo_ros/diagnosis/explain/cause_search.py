@@ -96,9 +96,10 @@ def search(
 ) -> Search:  # fmt: skip
     """Add causes one by one, the one that raises the log evidence most first.
 
-    The search ends with a cause, not the first one, that takes too little of ERR away to be named.
-    The laws of the causes before it differ from the true ones; many effects can compensate for a
-    little of that difference, and none of them is its reason.
+    The search ends with a cause, not the first one, that takes too little of ERR away to be named,
+    or where nothing is left that matters and no proposal takes more by its first steps. The laws of
+    the causes before it differ from the true ones; many effects can compensate for a little of that
+    difference, and none of them is its reason.
 
     Args:
         at: the joint model with its set-up within tolerance, fitted.
@@ -132,7 +133,10 @@ def search(
         offers = [(at, _new(ranked_proposals(at, offer), known))]
         if not causes and _strained(at, (), ()) and _matters(at, recordings, enough):
             offers += _offers_beside(neutral, recordings, begun)
-        found, steps = best_trial(number, at, offers, recordings)
+        least = np.inf
+        if causes and not _matters(at, recordings, enough):
+            least = (1.0 - LOWERS) * approached(at, recordings, STEPS).mean_err
+        found, steps = best_trial(number, at, offers, recordings, least)
         if first is not None:
             gain = first[0].posterior.evidence - at.posterior.evidence
             found = best_gain([first, *([found] if found else [])], at)

@@ -3,11 +3,20 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
-from dlo_ros.diagnosis.explain.candidate_trials import LOWERS, WORTH, Step, Trial, gains
+from dlo_ros.diagnosis.explain.candidate_trials import (
+    LOWERS,
+    STEPS,
+    WORTH,
+    Step,
+    Trial,
+    fitted,
+    gains,
+)
 from dlo_ros.diagnosis.explain.cause_naming import FAR, Cause, named, without_needless
 from dlo_ros.diagnosis.explain.cause_search import (
     Search,
@@ -30,7 +39,7 @@ from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Scene, Start
 from dlo_ros.inference.joint import Evaluation, evaluate, simulate
-from dlo_ros.inference.joint_fit import settled
+from dlo_ros.inference.joint_fit import approached, settled
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.inference.priors import believed, joint_model
@@ -38,6 +47,8 @@ from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.variances import FEWEST_FRAMES
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
+
+LOG = logging.getLogger(__name__)
 
 MENDS = 0.05
 """Share of the plain model's ERR beyond the measurement's own error, up to which an effect may only
@@ -64,6 +75,7 @@ class Explanation:
         trace: every candidate of every step.
         stiffness_shifts: change of ln(E / mu) where an added effect is left out, by its name.
         exact: whether the set-up is as precise as the data tell, see `exact_setup`.
+        contact: what may have been hit; None: nothing.
     """
 
     setup: Evaluation
@@ -76,6 +88,7 @@ class Explanation:
     trace: tuple[Step, ...]
     stiffness_shifts: Mapping[str, float] = field(default_factory=dict)
     exact: bool = False
+    contact: Contact | None = None
 
     @property
     def stiffness_doubt(self) -> float:
@@ -158,22 +171,62 @@ def explain(
     found = search(setup, prepared.meant, recordings, begun, enough, first)
     hit = contact.trial if contact is not None and contact.trial[1] in found.causes else None
     precise = beside_exact_set_up(found, prepared.meant, recordings, begun, enough, hit)
-    found, exact = precise or found, precise is not None
+    exact = precise is not None
+    return _concluded(prepared, given, precise or found, setup, contact, exact=exact)
+
+
+def explain_again(prepared: Prepared, given: Settings, known: Explanation) -> Explanation | None:
+    """The causes of an explanation that was found with other recordings or another simulation.
+
+    Others are looked for beside them where they leave something that matters.
+
+    Args:
+        given: the parameter file.
+        known: the explanation.
+
+    Returns:
+        None where there are no causes, or they do not come as near to these recordings as to those
+        in which they were found, or explain no more than the set-up alone does.
+    """
+    recordings, enough = prepared.recordings, material_err(0.0, given)
+    at = fitted(known.at.model, recordings, far=True) if known.proposals else None
+    if at is None:
+        return None
+    # Correlated errors let a fit drift from the shapes: what counts is how near the model can come.
+    near, before = approached(at, recordings, STEPS).mean_err, known.at.mean_err
+    LOG.info("known causes: %.3f mm, %.3f mm before", 1e3 * near, 1e3 * before)
+    gain = at.posterior.evidence - prepared.setup.posterior.evidence
+    if near > max(OWN * before, enough) or gain < WORTH:
+        return None
+    found = Search(at, known.proposals, known.trace, None)
+    if at.mean_err > max(OWN * own_err(at, recordings), enough):
+        begun, present = starts(prepared.scene), known.proposals
+        more = search(at, prepared.meant, recordings, begun, enough, present=present)
+        found = replace(more, trace=(*known.trace, *more.trace))
+    return _concluded(prepared, given, found, prepared.setup, known.contact, exact=known.exact)
+
+
+def _concluded(
+    prepared: Prepared, given: Settings, found: Search, setup: Evaluation, contact: Contact | None,
+    *, exact: bool,
+) -> Explanation:  # fmt: skip
+    """What a search has found, without what is not needed, and with the names of its causes."""
+    recordings, begun = prepared.recordings, starts(prepared.scene)
     found, bares, pruned = without_needless(found, recordings, begun)
     found, setup = _one_minimum(found, setup)
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
-    matters = material_err(own, given)
+    material = material_err(own, given)
     missed = LOWERS * (setup.mean_err - own)
     least = max(missed, MENDS * (prepared.plain_err - own))
     causes, shifts = named(found, bares, recordings, begun, OWN * own, least, exact=exact)
     if contact is not None:
         causes = tuple(_beside(c, contact) for c in causes)
-    if found.at.mean_err >= matters:
+    if found.at.mean_err >= material:
         causes = _no_stand_ins(causes, found, prepared)
     return Explanation(
-        setup, found.at, causes, own, matters, least, found.causes, found.trace,
-        pruned | shifts, exact,
+        setup, found.at, causes, own, material, least, found.causes, found.trace,
+        pruned | shifts, exact, contact,
     )  # fmt: skip
 
 

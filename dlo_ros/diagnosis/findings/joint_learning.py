@@ -3,13 +3,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
-from dlo_ros.diagnosis.explain.joint_explanation import Explanation, Prepared, explain, prepare
+from dlo_ros.diagnosis.explain.joint_explanation import (
+    Explanation,
+    Prepared,
+    explain,
+    explain_again,
+    prepare,
+)
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning, drafts
 from dlo_ros.errors import SimulationError
@@ -102,8 +108,9 @@ def training_set(
 
 
 def learn(
-    training: TrainingSet, given: Settings, contacts: Sequence[ContactBesideSetUp] = ()
-) -> Learned:
+    training: TrainingSet, given: Settings, contacts: Callable[[], Sequence[ContactBesideSetUp]],
+    known: Explanation | None = None,
+) -> Learned:  # fmt: skip
     """Explain the recordings that are not held out.
 
     Causes are looked for with drafts; the values with which the rest is predicted are learned with
@@ -112,7 +119,8 @@ def learn(
 
     Args:
         given: the parameter file.
-        contacts: pegs and walls that the DLO may have hit.
+        contacts: function that looks for pegs and walls that the DLO may have hit.
+        known: explanation of other recordings, or by another simulation, whose causes may do.
 
     Raises:
         SimulationError: the joint model cannot be simulated.
@@ -120,7 +128,8 @@ def learn(
     recordings, count, held_out = training.recordings, training.count, training.held_out
     frames = [len(r.times) for r in recordings]
     masks = [np.full(f, k >= count or k == held_out) for k, f in enumerate(frames)]
-    found = explain(training.prepared, given, contacts)
+    found = explain_again(training.prepared, given, known) if known is not None else None
+    found = found or explain(training.prepared, given, contacts())
     chosen = [k for k, mask in enumerate(masks) if not mask.any()]
     learned = [recordings[k] for k in chosen]
     rough = dict(zip(chosen, training.prepared.recordings, strict=True))
@@ -130,6 +139,11 @@ def learn(
         learned = [r.until(s) for r, s in zip(recordings, stops, strict=True)]
     predicting = refitted(found.at, learned)
     return Learned(found, rough, tuple(masks), *errors_of(predicting.model, recordings, masks))
+
+
+def all_learned_from(learned: Learned) -> bool:
+    """Whether no recording was held out as a whole."""
+    return not any(mask.all() for mask in learned.masks)
 
 
 def surprising(training: TrainingSet, learned: Learned) -> bool:
