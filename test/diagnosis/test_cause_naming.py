@@ -65,6 +65,7 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, wholly: linear)
     monkeypatch.setattr(cause_naming, "_rivals", lambda *_: {})
     monkeypatch.setattr(cause_naming, "strains", lambda *_: strained)
+    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
     softer = replace(PAPER.rod, young_modulus=0.5 * PAPER.rod.young_modulus)
     bare = evaluation(-loss, without)
     bare.model = SimpleNamespace(settings=replace(PAPER, rod=softer))
@@ -77,6 +78,26 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     told = Explanation(at, at, causes, 0.0, 0.0, 0.0, (), (), shifts)
     # A cause that is not named may act or not: E / mu may be that with it or without.
     assert told.stiffness_doubt == pytest.approx(0.0 if named else np.log(2.0))
+
+
+@pytest.mark.parametrize(("near", "named"), [(0.82e-3, False), (1.9e-3, True)])
+def test_a_fit_without_a_cause_that_has_only_drifted_does_not_tell_of_it(monkeypatch, near, named):
+    """Without a hundredth of the mass at its tip, a fit lay twice as far from the shapes as that
+    model can come.
+    """
+    start = Start("point_mass", {"mass": 0.0}, ("mass",), ("mass",))
+    at, bare = evaluation(0.0, 1.14e-3), evaluation(-40.0, 1.89e-3)
+    nearest = {id(at): evaluation(0.0, 0.65e-3), id(bare): evaluation(0.0, near)}
+    at.model = bare.model = SimpleNamespace(settings=PAPER)
+    monkeypatch.setattr(cause_naming, "certain", lambda *_: True)
+    monkeypatch.setattr(cause_naming, "beyond", lambda *_: [])
+    monkeypatch.setattr(cause_naming, "_rivals", lambda *_: {})
+    monkeypatch.setattr(cause_naming, "strains", lambda *_: False)
+    monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
+    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: nearest[id(at)])
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=object())
+    causes, _ = cause_naming.named(found, {}, (), [start], 0.7e-3, 0.21e-3)
+    assert bool(causes) is named
 
 
 def test_what_acts_now_and_then_counts_where_it_acts():

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import ALIKE, LOWERS, NEAR, fitted
+from dlo_ros.diagnosis.explain.candidate_trials import ALIKE, LOWERS, NEAR, STEPS, fitted
 from dlo_ros.diagnosis.explain.cause_search import (
     INDISPENSABLE,
     Offer,
@@ -24,8 +25,11 @@ from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects import Start
 from dlo_ros.effects.start import Block
 from dlo_ros.inference.joint import Evaluation
+from dlo_ros.inference.joint_fit import approached
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import split_name
+
+LOG = logging.getLogger(__name__)
 
 NAMED = 5.0
 """Loss of log evidence without a cause, from which it is named: 150 to one. Of one that is no part
@@ -113,13 +117,16 @@ def named(
     What lies within its tolerance, or is no part of every set-up, is none where all that it
     explains is immaterial, or takes away less than `least` [m] of ERR: beside a cause whose true
     law is another than the model's, a further effect mends that law a little. Where the set-up must
-    leave its tolerance to do a cause's work, ERR does not tell how much that is.
+    leave its tolerance to do a cause's work, ERR does not tell how much that is. Correlated errors
+    let fits drift from the shapes, by more than a cause may take away: what counts is how near the
+    model can come with it and without it.
 
     Args:
         exact: whether the set-up is as precise as the data tell: then all that is certain is named.
     """
     at, offer = found.at, found.offer
     result, shifts = [], {}
+    here: Evaluation | None = None
     for group in (*found.causes, *beyond(at)):
         if not certain(at, group, SCALES):
             continue
@@ -132,12 +139,15 @@ def named(
             continue
         if group.start is not None:
             shifts[group.effect] = _log_ratio(bare) - _log_ratio(at)
-        nearer = at.mean_err <= (1.0 - LOWERS) * bare.mean_err
+        here = here or approached(at, recordings, STEPS)
+        there = approached(bare, recordings, STEPS)
+        LOG.info("without %s: %.3f mm", group.label, 1e3 * there.mean_err)
+        nearer = here.mean_err <= (1.0 - LOWERS) * there.mean_err
         if not nearer or not _needed(at, bare, group, begun):
             continue
         if not exact and (group.start is not None or not is_beyond(at, group)):
-            little = _taken_away(at, bare, group) < least and not strains(bare, at)
-            if bare.mean_err < material or little:
+            little = _taken_away(here, there, group) < least and not strains(bare, at)
+            if there.mean_err < material or little:
                 continue
         offer = offer or offered(at, recordings, begun)
         rivals = _rivals(at, bare, group, recordings, offer)
