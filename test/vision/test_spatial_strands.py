@@ -30,6 +30,7 @@ def test_a_rope_with_another_one_of_its_look_behind_it_is_found():
         ("second", 1, 600051),  # of a course that one view shows more evidence for: refused there
         ("second", 1, 600018),  # two per cent too short, as a course by chance is
         ("second", 1, 600033),  # two shapes of nearly the same evidence
+        ("second", 1, 830026),  # the likeliest course of one view, missed in the other
     ],
 )
 def test_a_second_answer_leaves_the_pictures_silent(kind, ends, seed):

@@ -20,6 +20,9 @@ from dlo_ros.vision.space.view import focal_length
 
 SAMPLES = 160  # points of a centreline that are matched
 FARTHEST = 12.0  # [px] a larger distance from the epipolar line costs no more
+MATCHED = 4.0  # [px] root mean square distance from the epipolar lines, beyond which none match
+MATCHED_LENGTH = 0.2  # of L, by which a match may be too long or too short
+LENGTH_STD = 0.05  # of L: the same of a match that is right
 WAITING = 0.4  # [px^2] cost of a step along one centreline alone
 ROUGH_SPANS = 9  # of the spline through the matched points
 ROUGH_SMOOTHING = 1e-7  # of the third derivative's square, against that of the points' distance
@@ -60,6 +63,25 @@ class Match:
     def length(self) -> float:
         """Length of the polyline [m]."""
         return float(np.sum(np.linalg.norm(np.diff(self.points, axis=0), axis=1)))
+
+    @property
+    def near(self) -> bool:
+        """Whether the centrelines may show one strand, of whatever length."""
+        return self.distance <= MATCHED
+
+    def compared(self, length: float) -> tuple[float, str]:
+        """Misfit to the views and to a DLO's length, and why it is none, empty where it may be.
+
+        Args:
+            length: length of the DLO, L [m].
+        """
+        share = self.length / length - 1.0
+        fault = ""
+        if not self.near:
+            fault = f"{self.distance:.0f} px beside the epipolar lines"
+        elif abs(share) > MATCHED_LENGTH:
+            fault = f"the DLO would be {self.length:.3g} m long"
+        return self.distance**2 + (share / LENGTH_STD) ** 2, fault
 
 
 def align(cost: FloatArray, waiting: float) -> tuple[NDArray[np.int64], NDArray[np.int64], float]:

@@ -57,14 +57,13 @@ DENSE = 400  # points of a shape that predicts the next
 UNKNOWN_SPEED = 0.2  # [m/s] std of the DLO's speed where it is not tracked yet
 SPEED_SHARE = 0.3  # of the measured speed: how well it is known
 SPEED_STD = 0.03  # [m/s] besides
-MATCHED = 4.0  # [px] root mean square distance from the epipolar lines, beyond which none match
-MATCHED_LENGTH = 0.2  # of L, by which a rough match may be too long or too short
-LENGTH_STD = 0.05  # of L: the same of a match that is right
 FITTED = 6  # rough matches, the best ones, that are fitted
 
 DEPTHS = (-1.0, 0.0, 2.0)
 """Times of its depth from the line through its ends, from which a shape is fitted once more: where
 the depth follows from the length alone, several shapes have the same."""
+
+TWO_SHAPES = "the pictures allow two shapes of the DLO"
 
 Picture = TypeVar("Picture")
 
@@ -265,7 +264,7 @@ class SpaceObserver:
         if (several and by_chance(result.fit, rod)) or any(
             other > likely and not alike(fit, result.fit, rod.diameter) for other, fit in rivals
         ):
-            raise VisionError("the pictures allow two shapes of the DLO")
+            raise VisionError(TWO_SHAPES)
         self._remember(stamp, result.fit, measured, None)
         return result
 
@@ -275,7 +274,7 @@ class SpaceObserver:
         """Rough shapes in space [m] with the courses that they come from, the best one first.
 
         Raises:
-            VisionError: no courses of the views fit one another.
+            VisionError: no courses of the views fit one another, or not the likeliest of a view.
         """
         names, length = list(found), self._fine.length
         options = [
@@ -287,7 +286,7 @@ class SpaceObserver:
             for k, name in enumerate(names)
         ]
         rough: list[tuple[float, FloatArray, dict[str, Measured]]] = []
-        nearest = ""
+        nearest, partnered = "", list[Measured]()
         for chosen in product(*options):
             if len(names) == 1:
                 rough_shape = self._from_depth(names[0], chosen[0], frames)
@@ -296,16 +295,18 @@ class SpaceObserver:
                 rough_shape = match(
                     [Course(c, c.rays(m.course())) for c, m in zip(cameras, chosen, strict=True)]
                 )
-            share = rough_shape.length / length - 1.0
-            if rough_shape.distance > MATCHED:
-                nearest = f"{rough_shape.distance:.0f} px beside the epipolar lines"
-            elif abs(share) > MATCHED_LENGTH:
-                nearest = f"the DLO would be {rough_shape.length:.3g} m long"
-            else:
-                score = rough_shape.distance**2 + (share / LENGTH_STD) ** 2
+            score, fault = rough_shape.compared(length)
+            if not fault:
                 rough.append((score, rough_shape.points, dict(zip(names, chosen, strict=True))))
+            nearest = fault or nearest
+            partnered.extend(chosen if rough_shape.near else ())
         if not rough:
             raise VisionError(f"the views do not show one DLO ({nearest})")
+        # Where strands lie on one another a search may miss a course: that a less likely one of
+        # another picture has a partner is no proof against the likeliest, either way round.
+        for option, courses in zip(options, found.values(), strict=True):
+            if not any(m in partnered for m in option[: len(option) // len(courses)]):
+                raise VisionError(TWO_SHAPES)
         rough.sort(key=lambda one: one[0])
         return [(points, chosen) for _, points, chosen in rough]
 
