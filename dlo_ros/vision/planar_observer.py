@@ -46,14 +46,13 @@ from dlo_ros.vision.fit.planar_credibility import (
     unusable,
 )
 from dlo_ros.vision.fit.spline_fit import SplineFit, fit_spline
-from dlo_ros.vision.planar_result import LastShape, RoughDetection, VisionResult
+from dlo_ros.vision.planar_result import LastShape, VisionResult
 from dlo_ros.vision.segmentation.camera_image import image_of
 from dlo_ros.vision.segmentation.edge_profile import Located, locate
-from dlo_ros.vision.segmentation.picture_strip import inside, resample, smooth_curve, spacing_for
+from dlo_ros.vision.segmentation.picture_strip import inside, resample, spacing_for
 from dlo_ros.vision.segmentation.ridge_map import Image, map_ridges
 from dlo_ros.vision.segmentation.user_hints import Hints, limited
 from dlo_ros.vision.tracing.abandoned_strand import abandons_strand
-from dlo_ros.vision.tracing.centring import centred
 from dlo_ros.vision.tracing.chain_ordering import AMBIGUITY, Path, PathSearch, alike
 from dlo_ros.vision.tracing.course_choice import (
     TWO_COURSES,
@@ -61,6 +60,7 @@ from dlo_ros.vision.tracing.course_choice import (
     choose,
     on_two_strands,
 )
+from dlo_ros.vision.tracing.course_location import RoughDetection, locate_course
 from dlo_ros.vision.tracing.free_ends import prolong
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.occlusion_bridges import check_bridges
@@ -322,21 +322,7 @@ class Observer:
         """Locate the DLO along a rough course and fit it."""
         spacing = spacing_for(width)
         curve, before = prolong(points, width, spacing, ends.start is None, ends.end is None)
-        curve = smooth_curve(curve, 0.8 * width / spacing)
-        colour = None if rough.tones else rough.colour
-        moved = follow(image, curve, width, 0.8 * width, colour, rough.contrast)
-        moved, aside = centred(image, resample(moved, spacing), rough.width)
-        if (
-            aside or rough.known_width
-        ):  # then what looks like edges is no reliable measure of the width
-            width = rough.width
-        located = locate(
-            image,
-            resample(moved, spacing),
-            width,
-            known_width=aside or rough.known_width,
-            tones=rough.tones,
-        )
+        located = locate_course(image, curve, width, rough)
         located = limited(located, self._hints.allowed(image, width))
         return self._finish(stamp, image, located, ends, before, None, final)
 

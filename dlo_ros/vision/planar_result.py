@@ -104,14 +104,3 @@ class LastShape:
             located.known_width,
             located.tones,
         )
-
-
-@dataclass(frozen=True, eq=False)
-class RoughDetection:
-    """Colour, contrast and width of a DLO by a search; `width` is the expected one [px]."""
-
-    colour: FloatArray
-    contrast: float
-    width: float
-    known_width: bool
-    tones: bool

@@ -28,8 +28,8 @@ from dlo_ros.vision.space.matching import SAMPLES, WAITING, align
 from dlo_ros.vision.space.reprojection import ClampPose
 from dlo_ros.vision.space.view import focal_length
 from dlo_ros.vision.tracing.abandoned_strand import abandons_strand
-from dlo_ros.vision.tracing.centring import centred
 from dlo_ros.vision.tracing.chain_ordering import ClampPixel, LengthRule, Path, PathSearch, alike
+from dlo_ros.vision.tracing.course_location import RoughDetection, locate_course
 from dlo_ros.vision.tracing.free_ends import free_end, prolong
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.ridge_snapping import follow
@@ -200,10 +200,8 @@ class ViewSearch:
     ) -> Measured:
         spacing = spacing_for(width)
         curve, extra = prolong(points, width, spacing, *free)
-        curve = smooth_curve(curve, 0.8 * width / spacing)
-        moved = follow(image, curve, width, 0.8 * width, path.colour, path.contrast)
-        moved, aside = centred(image, resample(moved, spacing), width)
-        located = locate(image, resample(moved, spacing), width, known_width=aside)
+        rough = RoughDetection(path.colour, path.contrast, width, False, False)
+        located = locate_course(image, curve, width, rough)
         located = limited(located, self._hints.allowed(image, width))
         return Measured(located, None, extra, free)
 
