@@ -16,6 +16,7 @@ from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import SimulationError
 from dlo_ros.parameters import DampingParameters, Settings, SimulationParameters
 from dlo_ros.rod import dynamics, statics
+from dlo_ros.rod.batch import parameter_sets
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.dynamics import Track
 from dlo_ros.rod.model import RodModel
@@ -64,7 +65,7 @@ def straight(task: Task, setting: Setting) -> tuple[RodModel, Boundary, State, C
 @contextmanager
 def in_space(spatial: bool) -> Iterator[None]:
     """Within, no rod takes its planar form (where spatial)."""
-    modules = (dynamics, statics)
+    modules = (dynamics, statics, parameter_sets)
     own = [module.in_plane for module in modules]
     try:
         for module in modules if spatial else ():

@@ -64,20 +64,20 @@ def follow(
     """
     true = true_command(model, command)
     flat = in_plane(model, state, true, parameters)
-    if flat and not parameters and not speeds and in_lanes(model, boundary):
+    if not parameters and not speeds and in_lanes(model, boundary):
         tracks = sets_of(model, boundary).follow([state], command, stamps)
         if tracks.failures:
             raise SimulationError(tracks.failures[0])
         none = np.zeros((len(stamps), 0, *state.q.shape))
         shapes = tracks.shapes[0]
-        still, untwisted = np.zeros_like(shapes), np.zeros((0, 0))
-        return Track(tracks.state(0), shapes, still, untwisted, none, tracks.steps[0])
+        still, twists = np.zeros_like(shapes), np.zeros((0, 0)) if flat else tracks.twists[0]
+        return Track(tracks.state(0), shapes, still, twists, none, tracks.steps[0])
     return integrate(model, boundary, state, command, stamps, parameters, flat=flat)
 
 
 def in_lanes(model: RodModel, boundary: Boundary) -> bool:
     """Whether the vectorised engine knows this rod; for one alone it is the fastest, too."""
-    return model.plain and not len(boundary.pins)
+    return model.plain and not len(boundary.pins) and not model.stiffness.bend[:, 2].any()
 
 
 def sets_of(model: RodModel, boundary: Boundary) -> ParameterSets:

@@ -1,9 +1,10 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Many parameter sets at once: the planar rod of `dynamics`, eight sets to a vector register.
+"""Many parameter sets at once: the rod of `dynamics`, eight sets to a vector register.
 
 For thousands of hypotheses about one DLO under one command. The sets may differ in all that a
 `RodModel` has but its basis: stiffness, rest strains, mass, drag, loads, relaxation time. Eight
-sets share their steps: those that the set with the largest error needs.
+sets share their steps: those that the set with the largest error needs. Where all of them stay in the
+plane y = 0 they move with x and z alone, else in space with twist.
 """
 
 from __future__ import annotations
@@ -16,16 +17,15 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.rod import integration
+from dlo_ros.rod.batch.layout import Layout
 from dlo_ros.rod.batch.simd_integration import DONE, NO_DIRECTION, march
-from dlo_ros.rod.batch.simd_kernels import COLUMN, BatchLaw, Scratch, tables_of
-from dlo_ros.rod.batch.simd_step import BatchState, Room, Sets
 from dlo_ros.rod.batch.tracks import EndStates, Tracks
 from dlo_ros.rod.boundary import conditions
 from dlo_ros.rod.boundary.imposed_motion import NO_DIRECTION_TEXT, Boundary
 from dlo_ros.rod.elements.rod_tables import DOF
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import true_command
-from dlo_ros.rod.planar_model import IN_PLANE, expand, in_plane
+from dlo_ros.rod.planar_model import expand, in_plane
 from dlo_ros.rod.simd.eight_lanes import LANES, rows
 from dlo_ros.rod.state import State
 from dlo_ros.spline import FloatArray
@@ -33,6 +33,7 @@ from dlo_ros.spline import FloatArray
 # Newton's method stops when its last correction is below this share of a step's tolerance; what
 # is left is quadratically smaller.
 NEWTON_SHARE = 0.05
+SAME_FRAME = 1e-9  # vectors and angles [rad] of frames that differ by less are the same
 ROUNDING = 1e-11  # of L: smaller corrections are not asked for
 
 
@@ -56,45 +57,16 @@ class ParameterSets:
         boundary: common to all sets: clamps or held tips at the ends, or none.
 
     Raises:
-        InputError: there is no model, one has another basis or leaves the plane y = 0, or the
-            boundary has pins (control points held in the middle).
+        InputError: there is no model, one has another basis or is not linear, or the boundary has
+            pins (control points held in the middle).
     """
 
     def __init__(self, models: Sequence[RodModel], boundary: Boundary) -> None:
         self.models, self.boundary = tuple(models), boundary
         self._check()
-        first = self.models[0]
-        n, nb = first.basis.control_points, len(first.rule.weight)
-        # Each end holds two control points at most, so what is free is in one piece.
-        free = np.flatnonzero(~boundary.fixed.reshape(n, DOF)[:, 0])
-        lo, hi = (int(free[0]), int(free[-1]) + 1) if len(free) else (n, n)
-        self._tables = tables_of(first.rule, lo, hi)
-        # Number of the set in each lane: the last one fills up.
-        self._order = np.minimum(np.arange(-(-len(models) // LANES) * LANES), len(models) - 1)
-        self._order = self._order.reshape(-1, LANES)
-        stiff = [model.stiffness for model in self.models]
-        weight = first.rule.weight
-        self._sets = Sets(
-            BatchLaw(
-                self._lanes([weight * s.stretch for s in stiff]),
-                self._lanes([s.stretch_rest for s in stiff]),
-                self._lanes([weight * s.bend[:, 0] for s in stiff]),
-                self._lanes([s.bend_rest[:, 0] for s in stiff]),
-            ),
-            self._lanes([model.mass for model in self.models]),
-            self._lanes([model.drag for model in self.models]),
-            self._lanes([model.load[:, IN_PLANE] for model in self.models]),
-            self._lanes([[m.body.relaxation_time] for m in self.models]),
-        )
-        many = 2 * n + COLUMN - 1  # the factorisation reaches beyond the last column
-        self._room = Room(
-            BatchLaw(rows(nb), rows(nb), rows(nb), rows(nb)),
-            Scratch(rows(2 * n), rows(many), rows(COLUMN * many), rows(42), rows(16), rows(2 * nb)),
-            rows(4 * n), rows(2 * n), rows(2 * n), rows(2 * n), rows(2 * n), rows(2 * n),
-            rows(2 * n), np.zeros((n, 2)),
-        )  # fmt: skip
+        self._layouts: dict[bool, Layout] = {}
         tolerance = min(m.settings.simulation.tolerance for m in self.models)
-        self._tolerance = integration.STEP_SHARE * tolerance * first.basis.length
+        self._tolerance = integration.STEP_SHARE * tolerance * self.models[0].basis.length
 
     def _check(self) -> None:
         if not self.models:
@@ -119,9 +91,9 @@ class ParameterSets:
                     f"parameter sets: set {k} softens, yields, touches something, slips through a "
                     "grip or is longer than the first; simulate such sets one by one"
                 )
-            if not model.planar:
+            if model.stiffness.bend[:, 2].any():
                 raise InputError(
-                    f"parameter sets: set {k} has rest strains or loads out of the plane y = 0; "
+                    f"parameter sets: the two directions of bending of set {k} are coupled; "
                     "simulate such sets one by one"
                 )
 
@@ -129,54 +101,57 @@ class ParameterSets:
         """Integrate all sets through stamps, as `dynamics.follow` does one.
 
         A group of eight sets that does not converge is simulated set by set, so that one bad set
-        spoils no other.
+        spoils no other; so is a set in space whose held ends have turned otherwise than those of
+        its group.
 
         Args:
-            states: one state for each set, all at the same instant and in the plane y = 0.
+            states: one state for each set, all at the same instant.
             stamps: [ns], growing, none before the states'.
 
         Raises:
-            InputError: the states do not fit the sets, or a motion leaves the plane.
+            InputError: the states do not fit the sets.
             CommandError: the command gives an end no direction.
         """
         commanded, command = command, self._true(command)
-        frames = np.array([state.frames for state in states])
-        self._check_states(states, frames, command)
-        q, velocity, acceleration, auxiliary = (
-            self._lanes(np.array([getattr(state, name) for state in states])[:, :, IN_PLANE])
-            for name in ("q", "velocity", "acceleration", "auxiliary")
-        )
-        motion = BatchState(
-            q, velocity, acceleration, auxiliary,
-            self._lanes([state.strains.stretch for state in states]),
-            self._lanes([state.previous.stretch for state in states]),
-            self._lanes(np.array([state.strains.other for state in states])[:, :, 0]),
-            self._lanes(np.array([state.previous.other for state in states])[:, :, 0]),
-            rows(len(self._order), len(states[0].strains.stretch)),
-        )  # fmt: skip
+        self._check_states(states)
+        flat = self._in_plane(states, command)
+        if flat not in self._layouts:
+            self._layouts[flat] = Layout(self.models, self.boundary, flat=flat)
+        layout = self._layouts[flat]
+        motion = layout.motion(states)
         lengthening = self.models[0].body.lengthening
         length, n = self.models[0].basis.length, self.models[0].basis.control_points
         times = (np.asarray(stamps, dtype=np.int64) - command.stamp) / NANOSECONDS
-        clock = self._clock(states, command)
-        # In the plane the held ends' frames are those of the command, whatever set.
-        frames = frames[self._order[:, 0]]
-        shapes, status = rows(len(clock), len(times), 2 * n), np.empty((len(clock), 2), np.int64)
+        clock = self._clock(states, command, layout)
+        # A group has the command's frames of its held ends, whatever the set.
+        frames = np.array([state.frames for state in states])
+        others = [] if flat else self._other_frames(states, frames, layout)
+        frames = frames[layout.order[:, 0]]
+        shapes, status = rows(len(clock), len(times), motion.q.shape[1]), np.empty((len(clock), 2), np.int64)
+        twists = rows(len(clock), len(times), 0 if flat else motion.stretch.shape[1])
         march(
-            self._sets, self._tables, self.boundary.imposed(command), frames, motion, self._room,
+            layout.sets, layout.tables, self.boundary.imposed(command), frames, motion, layout.room,
             clock, self.boundary.reach * lengthening, length, times, self._tolerance,
-            max(NEWTON_SHARE * self._tolerance, ROUNDING * length), shapes, status,
+            max(NEWTON_SHARE * self._tolerance, ROUNDING * length), shapes, twists, status,
         )  # fmt: skip
         if np.any(status[:, 0] == NO_DIRECTION):
             raise CommandError(NO_DIRECTION_TEXT)
         count = len(states)
-        flat = shapes.transpose(0, 3, 1, 2).reshape(-1, len(times), n, 2)[:count]
+        moved, twisted = (
+            x.transpose(0, 3, 1, 2).reshape(len(clock) * LANES, len(times), x.shape[2])[:count]
+            for x in (shapes, twists)
+        )
+        moved = moved.reshape(count, len(times), n, -1)
         stamp = int(stamps[-1]) if len(stamps) else states[0].stamp
         directed = np.array([[self.boundary.clamped_start], [self.boundary.clamped_end]])
         ends = EndStates(self.models, tuple(states), motion, clock, frames, directed, stamp)
-        tracks = Tracks(expand(flat, states[0].q), status[:, 1].repeat(LANES)[:count], {}, ends)
+        tracks = Tracks(
+            expand(moved, states[0].q), twisted, status[:, 1].repeat(LANES)[:count], {}, ends
+        )
         for group in np.flatnonzero(status[:, 0] != DONE):
-            for k in np.unique(self._order[group]):
-                self._alone(int(k), tracks, commanded, stamps)
+            others += np.unique(layout.order[group]).tolist()
+        for k in sorted(set(others)):
+            self._alone(k, tracks, commanded, stamps, flat=flat)
         return tracks
 
     def _true(self, command: Command) -> Command:
@@ -194,23 +169,27 @@ class ParameterSets:
                 )
         return true
 
-    def _alone(self, k: int, tracks: Tracks, command: Command, stamps: Sequence[int]) -> None:
+    def _alone(
+        self, k: int, tracks: Tracks, command: Command, stamps: Sequence[int], *, flat: bool
+    ) -> None:
         """Simulate set k by itself and enter what comes out."""
         before = tracks.ends.before[k]
         try:
             track = integration.integrate(
-                self.models[k], self.boundary, before, command, stamps, flat=True
+                self.models[k], self.boundary, before, command, stamps, flat=flat
             )
         except (SimulationError, ZeroDivisionError) as err:  # the latter: coinciding points
             tracks.failures[k] = str(err)
-            tracks.shapes[k] = np.nan
+            tracks.shapes[k] = tracks.twists[k] = np.nan
             return
         tracks.shapes[k] = track.shapes
+        if not flat:
+            tracks.twists[k] = track.twists
         tracks.steps[k] += track.steps
         tracks.ends.alone[k] = track.state
 
-    def _check_states(self, states: Sequence[State], frames: FloatArray, command: Command) -> None:
-        """Whether the states fit the sets, each other and the plane."""
+    def _check_states(self, states: Sequence[State]) -> None:
+        """Whether the states fit the sets and each other."""
         first = self.models[0]
         n = first.basis.control_points
         if len(states) != len(self.models):
@@ -224,8 +203,14 @@ class ParameterSets:
                     f"parameter sets: the state of set {k} has {len(state.q)} control points at "
                     f"{state.stamp} ns; needed are {n} at {states[0].stamp} ns as in the first"
                 )
+
+    def _in_plane(self, states: Sequence[State], command: Command) -> bool:
+        """Whether all sets stay in the plane y = 0."""
+        first = self.models[0]
+        if not all(model.planar for model in self.models[1:]):
+            return False
         # All states as one, with the ends that lie worst: the check is the same for every row.
-        ends = frames.reshape(-1, frames.shape[2])
+        ends = np.concatenate([state.frames for state in states])
         ends = ends[np.argsort(ends[:, conditions.DIRECTOR + 1])[:2]]
         together = replace(
             states[0],
@@ -238,29 +223,25 @@ class ParameterSets:
             ),
             frames=ends,
         )
-        if in_plane(first, together, command):
-            return
-        for k, (model, state) in enumerate(zip(self.models, states, strict=True)):
-            if not in_plane(model, state, command):
-                raise InputError(
-                    f"parameter sets: the motion of set {k} is not in the plane y = 0; simulate "
-                    "such sets one by one"
-                )
+        return in_plane(first, together, command)
 
-    def _clock(self, states: Sequence[State], command: Command) -> FloatArray:
+    def _other_frames(
+        self, states: Sequence[State], frames: FloatArray, layout: Layout
+    ) -> list[int]:
+        """Sets whose held ends have other frames or angles than the first of their group."""
+        angles = np.array([state.q[[0, -1], 3] for state in states])[:, :, None]
+        known = np.concatenate([frames[:, :, : conditions.THETA], angles], axis=2)
+        known[:, [not self.boundary.clamped_start, not self.boundary.clamped_end]] = 0.0
+        first = known[layout.order[np.arange(len(states)) // LANES, 0]]
+        return np.flatnonzero(np.abs(known - first).max(axis=(1, 2)) > SAME_FRAME).tolist()
+
+    def _clock(self, states: Sequence[State], command: Command, layout: Layout) -> FloatArray:
         """Time from the command's start, last and next step of each group [s], (C, 3)."""
-        result = np.zeros((len(self._order), 3))
+        result = np.zeros((len(layout.order), 3))
         result[:, 0] = (states[0].stamp - command.stamp) / NANOSECONDS
-        steps = np.array([(state.last_step, state.next_step) for state in states])[self._order]
+        steps = np.array([(state.last_step, state.next_step) for state in states])[layout.order]
         # Strain rates of states with different pasts start anew from the present.
         same = np.ptp(steps[:, :, 0], axis=1) == 0.0
         result[same, 1] = steps[same, 0, 0]
         result[:, 2] = steps[:, :, 1].min(axis=1)
-        return result
-
-    def _lanes(self, values: Sequence[object] | FloatArray) -> FloatArray:
-        """Values of each set as an array (C, rows, LANES)."""
-        flat = np.asarray(values, dtype=np.float64).reshape(len(values), -1)
-        result = rows(len(self._order), flat.shape[1])
-        result[...] = flat[self._order].transpose(0, 2, 1)
         return result

@@ -11,16 +11,16 @@ import numpy as np
 
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.adaptive_integration import FIRST_STEP, next_stop
-from dlo_ros.rod.batch.simd_kernels import BatchLaw, Scratch, Tables, tensions
+from dlo_ros.rod.batch.simd_kernels import BatchLaw, Frame, Scratch, Tables, tensions
 from dlo_ros.rod.batch.simd_step import BatchState, Room, Sets, accept, rate_weights, try_step
 from dlo_ros.rod.boundary.conditions import Imposed, impose
-from dlo_ros.rod.simd.eight_lanes import address, load, store
+from dlo_ros.rod.simd.eight_lanes import LANES, address, entry, load, store
 from dlo_ros.rod.solve.generalised_alpha import DONE, NO_CONVERGENCE, NO_DIRECTION, SMALLEST_STEP
 
 
 @linked(from_python=True)
 def march(sets, tables, imposed, frames, motion, room, clock, reach, limit, stops, tolerance,
-          newton, shapes, status):  # fmt: skip
+          newton, shapes, twists, status):  # fmt: skip
     """Integrate all sets to a series of times, one group of LANES after the other.
 
     Args:
@@ -32,12 +32,14 @@ def march(sets, tables, imposed, frames, motion, room, clock, reach, limit, stop
         stops: times [s] from the command's start, growing, (S,).
         tolerance: error that one step may add [m], in the mean over the rod.
         newton: convergence of Newton's method [m].
-        shapes: output, (C, S, 2 n, LANES).
+        shapes: output, (C, S, d n, LANES).
+        twists: output, twist strain [rad/m], (C, S, nb, LANES); nothing in the plane.
         status: output, how each group ended and its steps, rejected ones included, (C, 2).
     """
     common = Tables(
-        tables.n, tables.spans, tables.lo, tables.hi, address(tables.linear), address(tables.b1),
-        address(tables.b2), address(tables.products),
+        tables.n, tables.dof, tables.spans, tables.lo, tables.hi, address(tables.fixed),
+        address(tables.linear), address(tables.twist_linear), address(tables.b),
+        address(tables.b1), address(tables.b2), address(tables.products),
     )  # fmt: skip
     law, scratch = room.law, room.scratch
     space = Room(
@@ -53,25 +55,28 @@ def march(sets, tables, imposed, frames, motion, room, clock, reach, limit, stop
         group = Sets(
             BatchLaw(address(law.stretch[c]), address(law.stretch_rest[c]), address(law.bend[c]),
                 address(law.bend_rest[c])),
-            address(sets.mass[c]), address(sets.drag[c]), address(sets.load[c]),
-            address(sets.relaxation_time[c]),
+            address(sets.mass[c]), address(sets.drag[c]), address(sets.spin[c]),
+            address(sets.load[c]), address(sets.relaxation_time[c]),
         )  # fmt: skip
+        frame = motion.frame
         place = BatchState(
             address(motion.q[c]), address(motion.velocity[c]), address(motion.acceleration[c]),
             address(motion.auxiliary[c]), address(motion.stretch[c]),
             address(motion.stretch_before[c]), address(motion.bend[c]),
             address(motion.bend_before[c]), address(motion.tension[c]),
+            Frame(address(frame.tangent[c]), address(frame.rate[c]), address(frame.director[c]),
+                  address(frame.twist[c])),
         )  # fmt: skip
         tensions(place.stretch, group.law, common, place.tension)
         status[c, 0], status[c, 1] = _march_group(
             group, common, imposed, frames[c], place, space, room.target, clock[c], reach, limit,
-            stops, tolerance, newton, shapes[c],
+            stops, tolerance, newton, shapes[c], twists[c],
         )  # fmt: skip
 
 
 @linked()
 def _march_group(sets, tables, imposed, frames, motion, room, target, clock, reach, limit, stops,
-                 tolerance, newton, shapes):  # fmt: skip
+                 tolerance, newton, shapes, twists):  # fmt: skip
     """Integrate one group; `adaptive_integration.march` says how steps are chosen."""
     steps = 0
     theta, pins = np.zeros(2), np.zeros((0, 3))
@@ -86,6 +91,9 @@ def _march_group(sets, tables, imposed, frames, motion, room, target, clock, rea
                 steps += 1
                 if not at_rest:
                     time = clock[0] + h
+                    if tables.dof == 4:
+                        theta[0] = entry(motion.q, 3 * LANES)
+                        theta[1] = entry(motion.q, (4 * tables.n - 1) * LANES)
                     if not impose(imposed, time, theta, reach, frames, target, pins):
                         return NO_DIRECTION, steps
                     at_rest = imposed.times.size == 0 or clock[0] >= imposed.times[-1] - 1e-9
@@ -104,8 +112,10 @@ def _march_group(sets, tables, imposed, frames, motion, room, target, clock, rea
             clock[2] = max(h * growth, min(proposal, h * 10.0) * 0.2)
             clock[1] = h
             clock[0] = end if h >= remaining * (1.0 - 1e-12) else clock[0] + h
-        for i in range(2 * tables.n):
+        for i in range(tables.dof * tables.n):
             store(shapes[k], i, load(motion.q, i))
+        for e in range(twists.shape[1]):
+            store(twists[k], e, load(motion.bend, 3 * e + 2))
     return DONE, steps
 
 

@@ -20,6 +20,7 @@ from dlo_ros.rod.simd.eight_lanes import entry, load, root, spread, store
 from dlo_ros.spline import FloatArray
 
 COLUMN = 8  # stored entries of a column
+TARGET, KEPT = 1.0, 2.0  # a number that the command imposes, or that stays what it is
 PAIRS = 10  # of the four basis functions of a span, each with itself and the ones before
 
 
@@ -29,46 +30,68 @@ class Tables(NamedTuple):
     """
 
     n: int  # control points
+    dof: int  # numbers of a control point: 2 in the plane, 4 in space
     spans: int  # of the knots, with three points each
-    lo: int  # first free control point
-    hi: int  # one after the last free one
+    lo: int  # first control point with something free
+    hi: int  # one after the last one
+    fixed: FloatArray  # (dof n,) 0: free, TARGET or KEPT
     linear: FloatArray  # (spans,) 1 where the straight line through a span's stretches counts
+    twist_linear: FloatArray  # (spans,) the same for twist
+    b: FloatArray  # (nb, 4)
     b1: FloatArray  # (nb, 4)
     b2: FloatArray  # (nb, 4)
     products: FloatArray  # (spans, PAIRS, 3, 4) of b1 and b2: 11, 12, 21, 22
 
 
 class BatchLaw(NamedTuple):
-    """Stiffness with weights and rest strains of one step; arrays (nb, LANES)."""
+    """Stiffness with weights and rest strains of one step; arrays (..., LANES)."""
 
-    stretch: FloatArray
+    stretch: FloatArray  # (nb,)
     stretch_rest: FloatArray
-    bend: FloatArray
+    bend: FloatArray  # (nb,); in space (3 nb,), of kappa_1, kappa_2 and twist
     bend_rest: FloatArray
 
 
 class Scratch(NamedTuple):
     """Room for the linear system; arrays (..., LANES)."""
 
-    gradient: FloatArray  # (2 n,)
-    step: FloatArray  # (2 n + 7,) right-hand side and solution
-    band: FloatArray  # (8 (2 n + 7),) matrix, then its factors
-    point: FloatArray  # (3 * 14,) forces and second derivatives at the points of a span
-    line: FloatArray  # (16,) derivatives of a span's mean stretch and of its tilt
-    tangent: FloatArray  # (2 nb,) x and z of the unit tangents when last assembled
+    gradient: FloatArray  # (d n,)
+    step: FloatArray  # (d n + 7,) right-hand side and solution
+    band: FloatArray  # (8 (2 n + 7),) or (64 n,) matrix, then its factors
+    point: FloatArray  # (3 * 14,) or (3 * 36,) forces and second derivatives at a span's points
+    line: FloatArray  # (16,) or (85,) derivatives of a span's mean stretch, of its tilt and so on
+    tangent: FloatArray  # (2 nb,) or (3 nb,) unit tangents when last assembled
 
 
-def tables_of(rule: Quadrature, lo: int, hi: int) -> Tables:
-    """The tables of a quadrature."""
+class Frame(NamedTuple):
+    """Reference frame in space; arrays (..., LANES), empty in the plane."""
+
+    tangent: FloatArray  # (3 nb,)
+    rate: FloatArray  # (3 nb,) [1/m]
+    director: FloatArray  # (3 nb,)
+    twist: FloatArray  # (nb,) [rad/m]
+
+
+def tables_of(rule: Quadrature, fixed: FloatArray) -> Tables:
+    """The tables of a quadrature.
+
+    Args:
+        fixed: for each number of a control point 0 where it is free, `TARGET` or `KEPT`, (n, d).
+    """
     spans = len(rule.weight) // 3
+    free = np.flatnonzero(~fixed.all(axis=1))
+    lo, hi = (int(free[0]), int(free[-1]) + 1) if len(free) else (len(fixed), len(fixed))
     products = np.empty((spans, PAIRS, 3, 4))
     b1, b2 = rule.b1.reshape(spans, 3, 4), rule.b2.reshape(spans, 3, 4)
     pairs = [(i, j) for i in range(4) for j in range(i + 1)]
     for p, (i, j) in enumerate(pairs):
         for c, (left, right) in enumerate(((b1, b1), (b1, b2), (b2, b1), (b2, b2))):
             products[:, p, :, c] = left[:, :, i] * right[:, :, j]
-    linear = rule.stretch_linear.astype(np.float64)
-    return Tables(spans + 3, spans, lo, hi, linear, rule.b1, rule.b2, products)
+    linear, twisted = rule.stretch_linear.astype(np.float64), rule.twist_linear.astype(np.float64)
+    return Tables(
+        len(fixed), fixed.shape[1], spans, lo, hi, fixed.astype(np.float64).ravel(), linear,
+        twisted, rule.b, rule.b1, rule.b2, products,
+    )  # fmt: skip
 
 
 @njit(inline="always")

@@ -9,17 +9,27 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch.simd_kernels import BatchLaw, Scratch, assemble, strains, tensions
+from dlo_ros.rod.batch import spatial_kernels
+from dlo_ros.rod.batch.simd_kernels import (
+    TARGET,
+    BatchLaw,
+    Frame,
+    Scratch,
+    assemble,
+    strains,
+    tensions,
+)  # fmt: skip
 from dlo_ros.rod.batch.simd_solver import residual, solve
 from dlo_ros.rod.simd.eight_lanes import entry, largest, load, root, spread, store
 from dlo_ros.rod.solve.generalised_alpha import ALPHA_F, ALPHA_M, BETA, GAMMA, SMALLEST_STEP
 from dlo_ros.spline import FloatArray
 
 MAX_NEWTON = 12
+TURN = 0.1  # of L: how far an error of theta of 1 rad counts in the convergence
 
 
 class Sets(NamedTuple):
-    """Constants of all sets: arrays (C, ..., LANES), x and z of a control point in turn.
+    """Constants of all sets: arrays (C, ..., LANES), the d numbers of a control point in turn.
 
     Here and in `BatchState` the first axis counts groups of LANES sets. Steps are those of one
     group, whose arrays are without it, as addresses.
@@ -28,22 +38,24 @@ class Sets(NamedTuple):
     law: BatchLaw  # without damping
     mass: FloatArray  # (4 n,) lower rows [kg]
     drag: FloatArray  # (4 n,) [N s/m]
-    load: FloatArray  # (2 n,) [N]
+    spin: FloatArray  # (4 n,) inertia of theta
+    load: FloatArray  # (d n,) [N]
     relaxation_time: FloatArray  # (1,) [s]
 
 
 class BatchState(NamedTuple):
     """Positions, velocities and strains of all sets; arrays (C, ..., LANES)."""
 
-    q: FloatArray  # (2 n,) [m]
+    q: FloatArray  # (d n,) [m]
     velocity: FloatArray
     acceleration: FloatArray
     auxiliary: FloatArray
     stretch: FloatArray  # (nb,) now, and one step ago
     stretch_before: FloatArray
-    bend: FloatArray
+    bend: FloatArray  # (nb,), in space (3 nb,)
     bend_before: FloatArray
     tension: FloatArray  # (nb,) with weights, as `assemble` takes it
+    frame: Frame
 
 
 class Room(NamedTuple):
@@ -51,14 +63,14 @@ class Room(NamedTuple):
 
     law: BatchLaw  # of the incremental potential
     scratch: Scratch
-    matrix: FloatArray  # (4 n,)
-    rhs: FloatArray  # (2 n,)
-    q: FloatArray  # (2 n,)
+    matrix: FloatArray  # (4 n,), in space (8 n,) with that of theta
+    rhs: FloatArray  # (d n,)
+    q: FloatArray  # (d n,)
     q_star: FloatArray
     v_star: FloatArray
     lag: FloatArray
     auxiliary: FloatArray
-    target: FloatArray  # (n, 2) where the held control points must be
+    target: FloatArray  # (n, d) where the held control points must be
 
 
 @linked()
@@ -74,11 +86,14 @@ def _damped(points, relaxation, now, before, weights, stiffness, rest, out_stiff
 
 
 @linked()
-def _predict(n, sets, motion, room, h, c_mass, c_drag):
+def _predict(n, dof, sets, motion, room, h, c_mass, c_drag):
     """Start of the step: predictions, matrix and right-hand side."""
     for i in range(4 * n):
         store(room.matrix, i, c_mass * load(sets.mass, i) + c_drag * load(sets.drag, i))
-    for i in range(2 * n):
+    if dof == 4:
+        for i in range(4 * n):
+            store(room.matrix, 4 * n + i, c_mass * load(sets.spin, i))
+    for i in range(dof * n):
         aux, v = load(motion.auxiliary, i), load(motion.velocity, i)
         q_star = load(motion.q, i) + h * v + (h * h * (0.5 - BETA)) * aux
         v_star = v + (h * (1.0 - GAMMA)) * aux
@@ -88,40 +103,55 @@ def _predict(n, sets, motion, room, h, c_mass, c_drag):
         store(room.lag, i, (ALPHA_F / (1.0 - ALPHA_F)) * load(motion.acceleration, i)
               - (ALPHA_M / (1.0 - ALPHA_F)) * aux)  # fmt: skip
     for i in range(n):
-        for c in range(2):
-            x = load(sets.load, 2 * i + c)
+        for c in range(min(dof, 3)):
+            x = load(sets.load, dof * i + c)
             for j in range(max(0, i - 3), min(n, i + 4)):
-                k, at = 2 * j + c, 4 * i + 3 - i + j if j <= i else 4 * j + 3 - j + i
+                k, at = dof * j + c, 4 * i + 3 - i + j if j <= i else 4 * j + 3 - j + i
                 q_star = load(room.q_star, k)
                 x += load(sets.mass, at) * (c_mass * q_star + load(room.lag, k))
                 x += load(sets.drag, at) * (c_drag * q_star - load(room.v_star, k))
-            store(room.rhs, 2 * i + c, x)
+            store(room.rhs, dof * i + c, x)
+        if dof == 4:
+            x = load(sets.load, 4 * i + 3)
+            for j in range(max(0, i - 3), min(n, i + 4)):
+                k, at = 4 * j + 3, 4 * i + 3 - i + j if j <= i else 4 * j + 3 - j + i
+                x += load(sets.spin, at) * (c_mass * load(room.q_star, k) + load(room.lag, k))
+            store(room.rhs, 4 * i + 3, x)
 
 
 @linked()
-def _newton(tables, room, tension, limit, tolerance):
+def _newton(tables, room, frame, tension, limit, tolerance):
     """Solve the step's equations from room.q.
 
     Args:
+        frame, tension: reference frame, and see `assemble`.
         limit, tolerance: a control point's root mean square move in the last iteration [m] that
-            is too large, and that is small enough.
+            is too large, as L is, and that is small enough.
 
     Returns:
         Whether all sets have converged, and the smallest pivot.
     """
-    lo, hi = tables.lo, tables.hi
+    lo, hi, dof = tables.lo, tables.hi, tables.dof
     scratch = room.scratch
     if hi <= lo:
         return True, 1.0
     for iteration in range(MAX_NEWTON):
-        assemble(room.q, tables, room.law, scratch, room.matrix, tension, iteration == 0)
-        residual(room.q, room.matrix, room.rhs, scratch, tables.n, lo, hi)
-        pivot = solve(scratch, lo, hi)
+        first = iteration == 0
+        if dof == 4:
+            spatial_kernels.assemble(
+                room.q, tables, frame, room.law, scratch, room.matrix, tension, first
+            )
+        else:
+            assemble(room.q, tables, room.law, scratch, room.matrix, tension, first)
+        residual(room.q, room.matrix, room.rhs, scratch, tables)
+        pivot = solve(scratch, tables)
         square = spread(0.0)
-        for i in range(2 * lo, 2 * hi):
+        for i in range(dof * lo, dof * hi):
             x = load(scratch.step, i)
-            square += x * x
             store(room.q, i, load(room.q, i) + x)
+            if i % dof == 3:
+                x *= TURN * limit
+            square += x * x
         move = np.sqrt(largest(square) / (hi - lo))
         if not move < limit:
             return False, pivot
@@ -140,30 +170,37 @@ def try_step(sets, tables, motion, room, h, weights, limit, newton):
     c_mass = (1.0 - ALPHA_M) / ((1.0 - ALPHA_F) * BETA * h * h)
     c_drag = GAMMA / (BETA * h)
     base, law, relaxation = sets.law, room.law, sets.relaxation_time
-    points = 3 * tables.spans
+    points, bends = 3 * tables.spans, 3 * tables.spans * (3 if tables.dof == 4 else 1)
     _damped(points, relaxation, motion.stretch, motion.stretch_before, weights, base.stretch,
             base.stretch_rest, law.stretch, law.stretch_rest)  # fmt: skip
-    _damped(points, relaxation, motion.bend, motion.bend_before, weights, base.bend,
+    _damped(bends, relaxation, motion.bend, motion.bend_before, weights, base.bend,
             base.bend_rest, law.bend, law.bend_rest)  # fmt: skip
-    n = tables.n
-    _predict(n, sets, motion, room, h, c_mass, c_drag)
-    for i in range(n):
-        if not tables.lo <= i < tables.hi:
-            store(room.q, 2 * i, spread(entry(room.target, 2 * i)))
-            store(room.q, 2 * i + 1, spread(entry(room.target, 2 * i + 1)))
-    converged, pivot = _newton(tables, room, motion.tension, limit, newton)
+    n, dof = tables.n, tables.dof
+    _predict(n, dof, sets, motion, room, h, c_mass, c_drag)
+    for i in range(dof * n):
+        held = entry(tables.fixed, i)
+        if held == TARGET:
+            store(room.q, i, spread(entry(room.target, i)))
+        elif held != 0.0:
+            store(room.q, i, load(motion.q, i))
+    converged, pivot = _newton(tables, room, motion.frame, motion.tension, limit, newton)
     # A negative pivot: the step has left the branch that a smaller one would follow.
     if not converged or (not pivot > 0.0 and h > 10.0 * SMALLEST_STEP):
         return False, np.inf
     total = spread(0.0)
     rate = 1.0 / (BETA * h * h)
-    for i in range(2 * n):
+    for i in range(dof * n):
         store(room.auxiliary, i, rate * (load(room.q, i) - load(room.q_star, i)))
-    for i in range(tables.lo, tables.hi):
-        x = load(room.auxiliary, 2 * i) - load(motion.auxiliary, 2 * i)
-        z = load(room.auxiliary, 2 * i + 1) - load(motion.auxiliary, 2 * i + 1)
-        total += root(x * x + z * z)
-    jump = largest(total) / max(tables.hi - tables.lo, 1)
+    count = 0
+    for i in range(n):
+        if entry(tables.fixed, dof * i) != 0.0:
+            continue
+        square, count = spread(0.0), count + 1
+        for k in range(dof * i, dof * i + min(dof, 3)):
+            x = load(room.auxiliary, k) - load(motion.auxiliary, k)
+            square += x * x
+        total += root(square)
+    jump = largest(total) / max(count, 1)
     return True, abs(BETA - 1.0 / 6.0) * h * h * jump
 
 
@@ -172,7 +209,7 @@ def accept(tables, motion, room, h):
     """Move on to what `try_step` has found."""
     c_mass = (1.0 - ALPHA_M) / ((1.0 - ALPHA_F) * BETA * h * h)
     c_drag = GAMMA / (BETA * h)
-    for i in range(2 * tables.n):
+    for i in range(tables.dof * tables.n):
         q = load(room.q, i)
         d = q - load(room.q_star, i)
         store(motion.q, i, q)
@@ -181,8 +218,12 @@ def accept(tables, motion, room, h):
         store(motion.auxiliary, i, load(room.auxiliary, i))
     for e in range(3 * tables.spans):
         store(motion.stretch_before, e, load(motion.stretch, e))
+    for e in range(3 * tables.spans * (3 if tables.dof == 4 else 1)):
         store(motion.bend_before, e, load(motion.bend, e))
-    strains(motion.q, tables, motion.stretch, motion.bend)
+    if tables.dof == 4:
+        spatial_kernels.advance_frame(motion.q, tables, motion.frame, motion.stretch, motion.bend)
+    else:
+        strains(motion.q, tables, motion.stretch, motion.bend)
     tensions(motion.stretch, room.law, tables, motion.tension)
 
 

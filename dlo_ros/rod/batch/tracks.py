@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.rod.batch.simd_step import BatchState
+from dlo_ros.rod.elements.rod_tables import Reference
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.planar_model import expand, flat_reference
 from dlo_ros.rod.simd.eight_lanes import LANES
@@ -36,10 +37,19 @@ class EndStates:
             return self.alone[number]
         before, model = self.before[number], self.models[number]
         group, lane = divmod(number, LANES)
-        values = BatchState(*(x[group, :, lane] for x in self.motion))
+        *values, frame = self.motion
+        n = len(before.q)
         q, velocity, acceleration, auxiliary = (
-            expand(x.reshape(-1, 2), before.q) for x in values[:4]
+            expand(x[group, :, lane].reshape(n, -1), before.q) for x in values[:4]
         )
+        stretch, stretch_before, bend, bend_before, _ = (x[group, :, lane] for x in values[4:])
+        if frame.twist.shape[1]:
+            tangent, rate, director, twist = (x[group, :, lane] for x in frame)
+            reference = Reference(
+                tangent.reshape(-1, 3), rate.reshape(-1, 3), director.reshape(-1, 3), twist.copy()
+            )
+        else:
+            reference = flat_reference(model, q, before.reference)
         frames = np.where(self.directed, self.frames[group], before.frames)
         return replace(
             before,
@@ -48,10 +58,10 @@ class EndStates:
             velocity=velocity,
             acceleration=acceleration,
             auxiliary=auxiliary,
-            reference=flat_reference(model, q, before.reference),
+            reference=reference,
             frames=frames,
-            strains=_strains(values.stretch, values.bend),
-            previous=_strains(values.stretch_before, values.bend_before),
+            strains=_strains(stretch, bend),
+            previous=_strains(stretch_before, bend_before),
             last_step=float(self.clock[group, 1]),
             next_step=float(self.clock[group, 2]),
             sensitivity=None,
@@ -59,6 +69,8 @@ class EndStates:
 
 
 def _strains(stretch: FloatArray, bend: FloatArray) -> Strains:
+    if len(bend) > len(stretch):
+        return Strains(stretch.copy(), bend.reshape(-1, 3).copy())
     other = np.zeros((len(bend), 3))
     other[:, 0] = bend
     return Strains(stretch.copy(), other)
@@ -70,12 +82,14 @@ class Tracks:
 
     Args:
         shapes: control points at every stamp, NaN for sets that failed, shape (S, T, n, 4).
+        twists: twist strain [rad/m] at the bending points, shape (S, T, nb); (S, T, 0) in the plane.
         steps: number of steps of each set, rejected ones included, shape (S,).
         failures: the reason why a set failed, by its number.
         ends: states of the sets at the last stamp.
     """
 
     shapes: FloatArray
+    twists: FloatArray
     steps: NDArray[np.int64]
     failures: dict[int, str]
     ends: EndStates = field(repr=False)

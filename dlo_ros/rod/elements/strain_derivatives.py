@@ -1,7 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Derivatives of the strains of the rod in space, by p = r', s = r'' and theta.
 
-All is written for one point; its numbers are `four_lanes`, the three points of a knot span.
+All is written for one point; its numbers are `four_lanes`, the three points of a knot span, or
+`eight_lanes`, the same point of eight rods.
 
 The rotation that takes the reference tangent t0 to the present tangent t turns the directors about
 t by an angle whose change depends on the path, by a . dp. So a curvature depends on p as if the
@@ -18,13 +19,12 @@ depends on s by a. Second derivatives are sums of products of these few vectors.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.elements.strains import material_director, slopes, vectors
-from dlo_ros.rod.simd.four_lanes import QuadType
 from dlo_ros.rod.simd.vector_algebra import (
     INLINE,
     add_both,
@@ -39,7 +39,8 @@ from dlo_ros.rod.simd.vector_algebra import (
     times,
 )  # fmt: skip
 
-Vector = tuple[QuadType, QuadType, QuadType]
+Number = Any  # a vector of numbers
+Vector = tuple[Number, Number, Number]
 
 
 class FirstDerivatives(NamedTuple):
@@ -48,14 +49,14 @@ class FirstDerivatives(NamedTuple):
     The stretch has the derivative t by p; kappa_1 and kappa_2 have kappa_2 and -kappa_1 by theta.
     """
 
-    r: QuadType  # 1 / |p|
+    r: Number  # 1 / |p|
     t: Vector
     s: Vector
     t0: Vector
     d1: Vector
     d2: Vector
     a: Vector  # also the derivative of the twist by s
-    w: QuadType
+    w: Number
     z: Vector
     kappa1_p: Vector
     kappa1_s: Vector
@@ -67,14 +68,14 @@ class FirstDerivatives(NamedTuple):
 class Stress(NamedTuple):
     """Stress resultants at a point and the tangents of bending, times the point's weight."""
 
-    tension: QuadType
-    bend1: QuadType
-    bend2: QuadType
-    torque: QuadType
-    t11: QuadType
-    t12: QuadType
-    t22: QuadType
-    pull: QuadType
+    tension: Number
+    bend1: Number
+    bend2: Number
+    torque: Number
+    t11: Number
+    t12: Number
+    t22: Number
+    pull: Number
 
 
 class SecondDerivatives(NamedTuple):
@@ -85,7 +86,7 @@ class SecondDerivatives(NamedTuple):
     ss: tuple[Vector, Vector, Vector]
     p_theta: Vector
     s_theta: Vector
-    theta: QuadType
+    theta: Number
 
 
 @njit(**INLINE)
@@ -98,11 +99,24 @@ def first(q, rule, ref, e, kappa1, kappa2):
     r, t0 = 1.0 / np.sqrt(dot(p, p)), vectors(ref.tangent, e)
     t = times(r, p)
     d1 = material_director(q, rule, ref, e, t0, t)
+    return first_at(p, s, r, t, t0, vectors(ref.rate, e), d1, kappa1, kappa2)
+
+
+@njit(**INLINE)
+def first_at(p, s, r, t, t0, rate, d1, kappa1, kappa2):
+    """First derivatives of the strains at a point.
+
+    Args:
+        p, s, r, t: r', r'', 1 / |p|, tangent.
+        t0, rate: tangent of the reference frame and its derivative along u.
+        d1: first material director.
+        kappa1, kappa2: curvatures.
+    """
     d2 = cross(t, d1)
     w = r / (1.0 + dot(t, t0))
     a = times(w, cross(t, t0))
     s_t0 = cross(s, t0)
-    z = mix(1.0, cross(t0, vectors(ref.rate, e)), -r, s_t0)
+    z = mix(1.0, cross(t0, rate), -r, s_t0)
     bent, squeezed = dot(s, t) * r * r * r, -2.0 * r
     return FirstDerivatives(
         r, t, s, t0, d1, d2, a, w, z,

@@ -28,7 +28,18 @@ from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements.rod_tables import Reference
 from dlo_ros.rod.simd.four_lanes import lane, quad
-from dlo_ros.rod.simd.vector_algebra import FLAGS, INLINE, cross, dot, mix, mix3, row, times, unit
+from dlo_ros.rod.simd.vector_algebra import (
+    FLAGS,
+    INLINE,
+    cos_sin,
+    cross,
+    dot,
+    mix,
+    mix3,
+    row,
+    times,
+    unit,
+)  # fmt: skip
 
 OUTER = 5.0 / 18.0  # weights of the three Gauss points in a mean
 MIDDLE = 8.0 / 18.0
@@ -112,11 +123,20 @@ def angle(q, rule, b, e):
 @njit(**INLINE)
 def material_director(q, rule, ref, e, t0, t):
     """First material director at the points of a span, normal to the present tangent t."""
-    theta = angle(q, rule, rule.b, e)
-    x, y, z = lane(theta, 0), lane(theta, 1), lane(theta, 2)
-    cos, sin = quad(np.cos(x), np.cos(y), np.cos(z)), quad(np.sin(x), np.sin(y), np.sin(z))
-    d = vectors(ref.director, e)
-    return carried(mix(cos, d, sin, cross(t0, d)), t0, t)
+    return turned(vectors(ref.director, e), angle(q, rule, rule.b, e), t0, t)
+
+
+@njit(**INLINE)
+def turned(director, theta, t0, t):
+    """The material director that a reference director becomes by theta and a carriage to t."""
+    cos, sin = cos_sin(theta)
+    return carried(mix(cos, director, sin, cross(t0, director)), t0, t)
+
+
+@njit(**INLINE)
+def curvatures(s, r, t, d1):
+    """Curvature vector t x s r^2 along the directors d1 and d2 = t x d1."""
+    return dot(cross(t, s), d1) * (r * r), dot(s, d1) * (r * r)
 
 
 @njit(**INLINE)
@@ -156,8 +176,7 @@ def strains(q, rule, ref):
         r = 1.0 / n
         t = times(r, p)
         d1 = material_director(q, rule, ref, e, t0, t)
-        # k . d1 and k . d2, where k = t x s r^2 is the curvature vector and d2 = t x d1
-        kappa1, kappa2 = dot(cross(t, s), d1) * (r * r), dot(s, d1) * (r * r)
+        kappa1, kappa2 = curvatures(s, r, t, d1)
         twist = angle(q, rule, rule.b1, e) + three(ref.twist, e)
         twist += carried_twist(p, s, r, t0, vectors(ref.rate, e))
         put(other, e, (kappa1, kappa2, twist))

@@ -83,6 +83,16 @@ _define((operator.mul, operator.imul), "fmul")
 _define((operator.truediv, operator.itruediv), "fdiv")
 
 
+@infer_global(operator.neg)
+class _Negation(ConcreteTemplate):
+    cases = [signature(vector, vector)]  # noqa: RUF012
+
+
+@lower_builtin(operator.neg, vector)
+def _negate(context, builder, sig, args):
+    return builder.fneg(args[0])
+
+
 ADDRESS = types.CPointer(types.float64)
 
 
@@ -153,16 +163,25 @@ def spread(_, number):
     return vector(number), generate
 
 
+def _square_root(context, builder, sig, args):
+    kind = ir.FunctionType(WIDE, [WIDE])
+    function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.sqrt.v{LANES}f64")
+    return builder.call(function, args)
+
+
 @intrinsic
 def root(_, value):
     """Square root."""
+    return vector(value), _square_root
 
-    def generate(context, builder, sig, args):
-        kind = ir.FunctionType(WIDE, [WIDE])
-        function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.sqrt.v{LANES}f64")
-        return builder.call(function, args)
 
-    return vector(value), generate
+class _Root(ConcreteTemplate):
+    key = np.sqrt
+    cases = [signature(vector, vector)]  # noqa: RUF012
+
+
+infer_global(np.sqrt, types.Function(_Root))  # see `four_lanes`
+lower_builtin(np.sqrt, vector)(_square_root)
 
 
 @intrinsic

@@ -12,6 +12,10 @@ from dlo_ros.kernel_cache import njit
 # The flags of all compiled functions of the rod. Sums may be fused with products, but keep their
 # order, and infinities and NaN keep their meaning; a division by zero gives them.
 FLAGS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
+# A turn, whose multiples are exact, and the rest of 2 pi; and what rounds when it is added.
+TURN = float(np.float32(2.0 * np.pi))
+TURN_REST = 2.0 * np.pi - TURN
+ROUNDED = 1.5 * 2.0**52
 # For what is cheaper than its call; only compiled code calls it.
 INLINE: dict[str, Any] = {**FLAGS, "forceinline": True, "from_python": False}
 
@@ -64,6 +68,31 @@ def row(array, i):
 def unit(a):
     """The vector of length 1 along a."""
     return times(1.0 / np.sqrt(dot(a, a)), a)
+
+
+@njit(**INLINE)
+def _series(z, a, b, c, d, e, f, g):
+    """The alternating series a - b z + c z^2 - ... by Horner's rule."""
+    return a - z * (b - z * (c - z * (d - z * (e - z * (f - z * g)))))
+
+
+@njit(**INLINE)
+def cos_sin(x):
+    """Cosine and sine of an angle, a number or a vector of such, to a few units of rounding.
+
+    Taylor series of a quarter of the angle within half a turn, whose double angle is taken twice.
+    """
+    turns = (x * (0.5 / np.pi) + ROUNDED) - ROUNDED
+    y = 0.25 * ((x - turns * TURN) - turns * TURN_REST)
+    z = y * y
+    cos = 1.0 - z * (0.5 - z * _series(
+        z, 1.0 / 24.0, 1.0 / 720.0, 1.0 / 40320.0, 1.0 / 3628800.0, 1.0 / 479001600.0,
+        1.0 / 87178291200.0, 1.0 / 20922789888000.0,
+    ))  # fmt: skip
+    sin = y - y * z * _series(z, 1.0 / 6.0, 1.0 / 120.0, 1.0 / 5040.0, 1.0 / 362880.0,
+                              1.0 / 39916800.0, 1.0 / 6227020800.0, 1.0 / 1307674368000.0)  # fmt: skip
+    cos, sin = 1.0 - 2.0 * (sin * sin), 2.0 * (sin * cos)
+    return 1.0 - 2.0 * (sin * sin), 2.0 * (sin * cos)
 
 
 @njit(**INLINE)

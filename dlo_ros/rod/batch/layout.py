@@ -1,0 +1,120 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Parameter sets as compiled code of the lanes takes them: eight to a vector register."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dlo_ros.rod.batch import spatial_kernels
+from dlo_ros.rod.batch.simd_kernels import (
+    COLUMN,
+    KEPT,
+    TARGET,
+    BatchLaw,
+    Frame,
+    Scratch,
+    tables_of,
+)  # fmt: skip
+from dlo_ros.rod.batch.simd_step import BatchState, Room, Sets
+from dlo_ros.rod.boundary.conditions import END_CLAMP, START_CLAMP
+from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.elements.rod_tables import DOF
+from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.planar_model import reduce
+from dlo_ros.rod.simd.eight_lanes import LANES, rows
+from dlo_ros.rod.state import State
+from dlo_ros.spline import FloatArray
+
+
+class Layout:
+    """Constants of parameter sets, and room for their motion.
+
+    Args:
+        models: one for each set, with the same basis.
+        boundary: common to all sets.
+        flat: whether they move in the plane y = 0, with x and z only.
+
+    Attributes:
+        order: number of the set in each lane, (C, LANES); the last one fills up.
+    """
+
+    def __init__(self, models: Sequence[RodModel], boundary: Boundary, *, flat: bool) -> None:
+        self.flat = flat
+        first, points = models[0], len(models[0].rule.weight)
+        n, d = first.basis.control_points, 2 if flat else DOF
+        self.tables = tables_of(first.rule, _fixed(boundary, n, flat=flat))
+        self.order = np.minimum(np.arange(-(-len(models) // LANES) * LANES), len(models) - 1)
+        self.order = self.order.reshape(-1, LANES)
+        stiff, weight = [model.stiffness for model in models], first.rule.weight
+        bend = [s.bend[:, 0] if flat else np.column_stack([s.bend[:, :2], s.twist]) for s in stiff]
+        rest = [
+            s.bend_rest[:, 0] if flat else np.column_stack([s.bend_rest, s.twist_rest])
+            for s in stiff
+        ]
+        self.sets = Sets(
+            BatchLaw(
+                self.lanes([weight * s.stretch for s in stiff]),
+                self.lanes([s.stretch_rest for s in stiff]),
+                self.lanes([(weight * b.T).T for b in bend]),
+                self.lanes(rest),
+            ),
+            self.lanes([model.mass for model in models]),
+            self.lanes([model.drag for model in models]),
+            self.lanes([model.spin for model in models]),
+            self.lanes([reduce(model.load, flat) for model in models]),
+            self.lanes([[model.body.relaxation_time] for model in models]),
+        )
+        size, bends = d * n, points if flat else 3 * points
+        many = size + COLUMN - 1  # the factorisation in the plane reaches beyond the last column
+        scratch = (
+            (size, many, COLUMN * many, 42, 16, 2 * points) if flat
+            else (size, size, spatial_kernels.BLOCKS * n, 3 * spatial_kernels.POINT,
+                  spatial_kernels.SPAN, 3 * points)
+        )  # fmt: skip
+        self.room = Room(
+            BatchLaw(rows(points), rows(points), rows(bends), rows(bends)),
+            Scratch(*(rows(count) for count in scratch)),
+            rows(2 * size), rows(size), rows(size), rows(size), rows(size), rows(size), rows(size),
+            np.zeros((n, d)),
+        )  # fmt: skip
+
+    def lanes(self, values: Sequence[object] | FloatArray) -> FloatArray:
+        """Values of each set as an array (C, rows, LANES)."""
+        flat = np.asarray(values, dtype=np.float64).reshape(len(values), -1)
+        result = rows(len(self.order), flat.shape[1])
+        result[...] = flat[self.order].transpose(0, 2, 1)
+        return result
+
+    def motion(self, states: Sequence[State]) -> BatchState:
+        """A copy of states, one for each set."""
+        q, velocity, acceleration, auxiliary = (
+            self.lanes(reduce(np.array([getattr(state, name) for state in states]), self.flat))
+            for name in ("q", "velocity", "acceleration", "auxiliary")
+        )
+        bent = slice(1) if self.flat else slice(3)
+        frame = [rows(len(self.order), 0)] * 4
+        if not self.flat:
+            frame = [
+                self.lanes([getattr(state.reference, name) for state in states])
+                for name in Frame._fields
+            ]
+        return BatchState(
+            q, velocity, acceleration, auxiliary,
+            self.lanes([state.strains.stretch for state in states]),
+            self.lanes([state.previous.stretch for state in states]),
+            self.lanes(np.array([state.strains.other for state in states])[:, :, bent]),
+            self.lanes(np.array([state.previous.other for state in states])[:, :, bent]),
+            rows(len(self.order), len(states[0].strains.stretch)), Frame(*frame),
+        )  # fmt: skip
+
+
+def _fixed(boundary: Boundary, n: int, *, flat: bool) -> FloatArray:
+    """What is held of the numbers of each control point, see `simd_kernels.tables_of`."""
+    fixed = np.where(boundary.fixed.reshape(n, DOF), TARGET, 0.0)
+    # Without a clamp the twist angle of an end is held where it is.
+    for end, clamp in ((0, START_CLAMP), (-1, END_CLAMP)):
+        if fixed[end, 3] and clamp not in boundary.kinds:
+            fixed[end, 3] = KEPT
+    return reduce(fixed, flat)

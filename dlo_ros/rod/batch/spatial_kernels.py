@@ -1,0 +1,368 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The equations of the rod in space for eight parameter sets at once.
+
+The layout is that of `simd_kernels`, with degrees of freedom 4 i + c for x, y, z, theta, and three
+rows of bending and twist to a point. Formulas: `strain_derivatives`, the same functions as for one
+rod. A symmetric matrix is stored by blocks: row BLOCKS j + 16 o + 4 r + c couples coordinate r of
+control point j + o to coordinate c of control point j.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.batch.simd_kernels import PAIRS
+from dlo_ros.rod.elements.strain_derivatives import Stress, first_at, second
+from dlo_ros.rod.elements.strains import (
+    MIDDLE,
+    OUTER,
+    carried_twist,
+    carry,
+    curvatures,
+    turned,
+)  # fmt: skip
+from dlo_ros.rod.simd.eight_lanes import entry, load, spread, store
+from dlo_ros.rod.simd.vector_algebra import FLAGS, INLINE, dot, mix, mix3, times
+
+BLOCKS = 64  # stored entries of a control point's columns
+POINT = 36  # rows of a point: see `_keep`
+TILT = np.sqrt(2.0 * OUTER) * 0.5
+# Rows of a span: slopes p, s and theta of its points, then the derivatives by its 16 numbers of the
+# mean twist, of its tilt, of the mean stretch and of its tilt.
+SLOPES, TURN, TURN_TILT, LINE, LINE_TILT, SPAN = 0, 21, 37, 53, 69, 85
+
+
+@njit(**INLINE)
+def _get(array, at):
+    """Three rows as a vector."""
+    return load(array, at), load(array, at + 1), load(array, at + 2)
+
+
+@njit(**INLINE)
+def _put(array, at, vector):
+    """Write three rows."""
+    store(array, at, vector[0])
+    store(array, at + 1, vector[1])
+    store(array, at + 2, vector[2])
+
+
+@njit(**INLINE)
+def _slopes(q, tables, e):
+    """First and second derivative along u, theta and its derivative at point e."""
+    at = 4 * (e // 3)
+    w, u, v = entry(tables.b, 4 * e), entry(tables.b1, 4 * e), entry(tables.b2, 4 * e)
+    x, angle = _get(q, at), load(q, at + 3)
+    p, s, theta, rate = times(u, x), times(v, x), w * angle, u * angle
+    for i in range(1, 4):
+        k = 4 * e + i
+        w, u, v = entry(tables.b, k), entry(tables.b1, k), entry(tables.b2, k)
+        x, angle = _get(q, at + 4 * i), load(q, at + 4 * i + 3)
+        p, s = mix(1.0, p, u, x), mix(1.0, s, v, x)
+        theta += w * angle
+        rate += u * angle
+    return p, s, theta, rate
+
+
+@linked(**FLAGS)
+def advance_frame(q, tables, frame, stretch, other):
+    """Write the strains of a configuration, and carry the reference frame to it.
+
+    Args:
+        stretch, other: output, stretch (nb, LANES) of whole spans; kappa_1, kappa_2 and twist, the
+            twist of whole spans, (3 nb, LANES).
+    """
+    for e in range(3 * tables.spans):
+        p, s, theta, rate = _slopes(q, tables, e)
+        n = np.sqrt(dot(p, p))
+        t0, turning, director = (_get(frame.tangent, 3 * e), _get(frame.rate, 3 * e),
+                                 _get(frame.director, 3 * e))  # fmt: skip
+        r = 1.0 / n
+        t = times(r, p)
+        kappa1, kappa2 = curvatures(s, r, t, turned(director, theta, t0, t))
+        twist = load(frame.twist, e) + carried_twist(p, s, r, t0, turning)
+        store(stretch, e, n - 1.0)
+        _put(other, 3 * e, (kappa1, kappa2, twist + rate))
+        store(frame.twist, e, twist)
+        _put(frame.tangent, 3 * e, t)
+        _put(frame.rate, 3 * e, mix(r, s, -r * dot(t, s), t))
+        _put(frame.director, 3 * e, carry(director, t0, t))
+        if e % 3 == 2:
+            span = e // 3
+            a, b, c = load(stretch, e - 2), load(stretch, e - 1), load(stretch, e)
+            mean, tilt = _line(a, b, c, entry(tables.linear, span) > 0.0)
+            if not entry(tables.linear, span) > 0.0:
+                mean = b
+            _put(stretch, e - 2, (mean - tilt, mean, mean + tilt))
+            at = 3 * e - 4  # twist of the span's first point
+            a, b, c = load(other, at), load(other, at + 3), load(other, at + 6)
+            mean, tilt = _line(a, b, c, entry(tables.twist_linear, span) > 0.0)
+            store(other, at, mean - tilt)
+            store(other, at + 3, mean)
+            store(other, at + 6, mean + tilt)
+
+
+@njit(**INLINE)
+def _line(a, b, c, tilted):
+    """Mean of a span's three values, and the rise of their straight line where it is tilted."""
+    mean, tilt = OUTER * (a + c) + MIDDLE * b, 0.5 * (c - a)
+    return mean, (tilt if tilted else 0.0 * tilt)
+
+
+@linked(**FLAGS)
+def assemble(q, tables, frame, law, scratch, matrix, tension, first):
+    """Gradient of the elastic energy, and `matrix` plus its Hessian in the free control points.
+
+    Tensions in the Hessian are those that the last linear solution promised, see
+    `simd_kernels.assemble`. Rows and columns of what is imposed become those of the unit matrix.
+
+    Args:
+        frame: reference frame.
+        matrix: basis matrix for positions, then for theta, lower rows (8 n, LANES).
+    """
+    lo, hi = tables.lo, tables.hi
+    gradient, band, zero = scratch.gradient, scratch.band, spread(0.0)
+    for i in range(4 * hi):
+        store(gradient, i, zero)
+    theta = 4 * tables.n
+    for j in range(lo, hi):
+        for k in range(BLOCKS):
+            store(band, BLOCKS * j + k, zero)
+        for o in range(min(4, hi - j)):
+            at, row = BLOCKS * j + 16 * o, 4 * (j + o) + 3 - o
+            for c in range(3):
+                store(band, at + 5 * c, load(matrix, row))
+            store(band, at + 15, load(matrix, theta + row))
+    for span in range(tables.spans):
+        _points(q, tables, frame, law, scratch, span, tension, first)
+        _add_forces(tables, scratch, span, lo, hi)
+        pair = 0
+        for i in range(4):
+            for j in range(i + 1):
+                if lo <= span + j and span + i < hi:
+                    at = BLOCKS * (span + j) + 16 * (i - j)
+                    _add_block(tables, scratch, law, span, PAIRS * span + pair, i, j, at)
+                pair += 1
+    one = spread(1.0)
+    for k in range(4 * lo, 4 * hi):
+        if entry(tables.fixed, k) == 0.0:
+            continue
+        i, c = k // 4, k % 4
+        for o in range(4):
+            for d in range(4):
+                store(band, BLOCKS * i + 16 * o + 4 * d + c, zero)
+                if i - o >= lo:
+                    store(band, BLOCKS * (i - o) + 16 * o + 4 * c + d, zero)
+        store(band, BLOCKS * i + 5 * c, one)
+
+
+@njit(from_python=False, **FLAGS)
+def _points(q, tables, frame, law, scratch, span, tension, first):
+    """Forces and second derivatives at a span's three points, see `_keep`; and its `SPAN` rows."""
+    work, zero = scratch.line, spread(0.0)
+    linear, twisted = entry(tables.linear, span) > 0.0, entry(tables.twist_linear, span) > 0.0
+    a, b, c = zero, zero, zero  # twist at the three points
+    x1, x2, x3 = zero, zero, zero  # |p|
+    y1, y2, y3 = zero, zero, zero  # |p| that was promised
+    for g in range(3):
+        e = 3 * span + g
+        p, s, theta, rate = _slopes(q, tables, e)
+        _put(work, SLOPES + 7 * g, p)
+        _put(work, SLOPES + 7 * g + 3, s)
+        store(work, SLOPES + 7 * g + 6, theta)
+        size = np.sqrt(dot(p, p))
+        added = carried_twist(
+            p, s, 1.0 / size, _get(frame.tangent, 3 * e), _get(frame.rate, 3 * e)
+        )
+        a, b, c = b, c, rate + load(frame.twist, e) + added
+        x1, x2, x3 = x2, x3, size
+        y1, y2, y3 = y2, y3, dot(p, _get(scratch.tangent, 3 * e))
+    twist, twist_tilt = _line(a, b, c, twisted)
+    long, long_tilt = _line(x1, x2, x3, linear)
+    promised, promised_tilt = _line(y1, y2, y3, linear)
+    if not linear:
+        long, promised = x2, y2
+    for k in range(TURN, SPAN):
+        store(work, k, zero)
+    for g in range(3):
+        e, side = 3 * span + g, float(g - 1)
+        p, s = _get(work, SLOPES + 7 * g), _get(work, SLOPES + 7 * g + 3)
+        r, t0 = 1.0 / np.sqrt(dot(p, p)), _get(frame.tangent, 3 * e)
+        t = times(r, p)
+        d1 = turned(_get(frame.director, 3 * e), load(work, SLOPES + 7 * g + 6), t0, t)
+        kappa1, kappa2 = curvatures(s, r, t, d1)
+        x = first_at(p, s, r, t, t0, _get(frame.rate, 3 * e), d1, kappa1, kappa2)
+        share = MIDDLE if g == 1 else OUTER
+        stiff1, stiff2, stiff3 = _get(law.bend, 3 * e)
+        rest1, rest2, rest3 = _get(law.bend_rest, 3 * e)
+        bend1, bend2 = stiff1 * (kappa1 - rest1), stiff2 * (kappa2 - rest2)
+        torque = stiff3 * (twist + side * twist_tilt - rest3)
+        drawn, pull, firm = zero, zero, zero
+        if linear or g == 1:
+            factor = 1.0 if linear else 1.0 / MIDDLE
+            stiff, rest = factor * load(law.stretch, e), load(law.stretch_rest, e) + 1.0
+            drawn = stiff * (long + side * long_tilt - rest)
+            pull = stiff * (promised + side * promised_tilt - rest)
+            if first:
+                pull = load(tension, e)
+            if not linear:
+                firm = stiff
+        _put(scratch.tangent, 3 * e, t)
+        f = Stress(drawn, bend1, bend2, torque, stiff1, zero, stiff2, pull)
+        _keep(scratch.point, POINT * g, x, f, second(x, kappa1, kappa2, f), firm, kappa1, kappa2)
+        for i in range(4):
+            u1, u2 = entry(tables.b1, 4 * e + i), entry(tables.b2, 4 * e + i)
+            by = mix(u1, x.twist_p, u2, x.a)
+            at = TURN + 4 * i
+            _put(work, at, mix(1.0, _get(work, at), share, by))
+            store(work, at + 3, load(work, at + 3) + spread(share * u1))
+            if twisted:
+                at = TURN_TILT + 4 * i
+                _put(work, at, mix(1.0, _get(work, at), side * TILT, by))
+                store(work, at + 3, load(work, at + 3) + spread(side * TILT * u1))
+            if linear:
+                at = LINE + 4 * i
+                _put(work, at, mix(1.0, _get(work, at), share * u1, t))
+                at = LINE_TILT + 4 * i
+                _put(work, at, mix(1.0, _get(work, at), side * TILT * u1, t))
+
+
+@njit(**INLINE)
+def _keep(point, k, x, f, h, firm, kappa1, kappa2):
+    """Write a point's rows: forces by p, s, theta, theta' (8); second derivatives by p and p (xx,
+    yx, yy, zx, zy, zz), p and s (9), s and s (6), p and theta, s and theta, theta (7).
+    """
+    bent = mix3(f.bend1, x.kappa1_p, f.bend2, x.kappa2_p, f.torque, x.twist_p)
+    _put(point, k, mix(1.0, bent, f.tension, x.t))
+    _put(point, k + 3, mix3(f.bend1, x.kappa1_s, f.bend2, x.kappa2_s, f.torque, x.a))
+    store(point, k + 6, f.bend1 * kappa2 - f.bend2 * kappa1)
+    store(point, k + 7, f.torque)
+    stiff = times(firm, x.t)
+    (xx, _, _), (yx, yy, _), zp = h.pp
+    store(point, k + 8, xx + stiff[0] * x.t[0])
+    store(point, k + 9, yx + stiff[1] * x.t[0])
+    store(point, k + 10, yy + stiff[1] * x.t[1])
+    _put(point, k + 11, mix(1.0, zp, stiff[2], x.t))
+    (xx, _, _), (yx, yy, _), zs = h.ss
+    store(point, k + 23, xx)
+    store(point, k + 24, yx)
+    store(point, k + 25, yy)
+    _put(point, k + 26, zs)
+    _put(point, k + 14, h.ps[0])
+    _put(point, k + 17, h.ps[1])
+    _put(point, k + 20, h.ps[2])
+    _put(point, k + 29, h.p_theta)
+    _put(point, k + 32, h.s_theta)
+    store(point, k + 35, h.theta)
+
+
+@njit(from_python=False, **FLAGS)
+def _add_forces(tables, scratch, span, lo, hi):
+    """Add the forces of a span to the gradient."""
+    gradient, point = scratch.gradient, scratch.point
+    for i in range(4):
+        if not lo <= span + i < hi:
+            continue
+        at = 4 * (span + i)
+        force, turn = _get(gradient, at), load(gradient, at + 3)
+        for g in range(3):
+            k, e = POINT * g, 4 * (3 * span + g) + i
+            w, u, v = entry(tables.b, e), entry(tables.b1, e), entry(tables.b2, e)
+            force = mix3(1.0, force, u, _get(point, k), v, _get(point, k + 3))
+            turn += w * load(point, k + 6) + u * load(point, k + 7)
+        _put(gradient, at, force)
+        store(gradient, at + 3, turn)
+
+
+@njit(**INLINE)
+def _add_block(tables, scratch, law, span, row, i, j, at):
+    """Add the second derivatives for the control points i and j of a span to a block at a row."""
+    point, work, band = scratch.point, scratch.line, scratch.band
+    xx, xy, xz, xt = _four(band, at)
+    yx, yy, yz, yt = _four(band, at + 4)
+    zx, zy, zz, zt = _four(band, at + 8)
+    tx, ty, tz, tt = _four(band, at + 12)
+    for g in range(3):
+        k, c, e = POINT * g, 4 * (3 * row + g), 4 * (3 * span + g)
+        uu, uv = entry(tables.products, c), entry(tables.products, c + 1)
+        vu, vv = entry(tables.products, c + 2), entry(tables.products, c + 3)
+        xx += uu * load(point, k + 8) + (uv + vu) * load(point, k + 14) + vv * load(point, k + 23)
+        yy += uu * load(point, k + 10) + (uv + vu) * load(point, k + 18) + vv * load(point, k + 25)
+        zz += uu * load(point, k + 13) + (uv + vu) * load(point, k + 22) + vv * load(point, k + 28)
+        ab, ba = load(point, k + 15), load(point, k + 17)
+        both = uu * load(point, k + 9) + vv * load(point, k + 24)
+        xy += both + uv * ab + vu * ba
+        yx += both + uv * ba + vu * ab
+        ab, ba = load(point, k + 16), load(point, k + 20)
+        both = uu * load(point, k + 11) + vv * load(point, k + 26)
+        xz += both + uv * ab + vu * ba
+        zx += both + uv * ba + vu * ab
+        ab, ba = load(point, k + 19), load(point, k + 21)
+        both = uu * load(point, k + 12) + vv * load(point, k + 27)
+        yz += both + uv * ab + vu * ba
+        zy += both + uv * ba + vu * ab
+        wi, ui, vi = entry(tables.b, e + i), entry(tables.b1, e + i), entry(tables.b2, e + i)
+        wj, uj, vj = entry(tables.b, e + j), entry(tables.b1, e + j), entry(tables.b2, e + j)
+        a, b = load(point, k + 29), load(point, k + 32)
+        xt += (ui * wj) * a + (vi * wj) * b
+        tx += (uj * wi) * a + (vj * wi) * b
+        a, b = load(point, k + 30), load(point, k + 33)
+        yt += (ui * wj) * a + (vi * wj) * b
+        ty += (uj * wi) * a + (vj * wi) * b
+        a, b = load(point, k + 31), load(point, k + 34)
+        zt += (ui * wj) * a + (vi * wj) * b
+        tz += (uj * wi) * a + (vj * wi) * b
+        tt += (wi * wj) * load(point, k + 35)
+    x, y, z, t = (xx, xy, xz, xt), (yx, yy, yz, yt), (zx, zy, zz, zt), (tx, ty, tz, tt)
+    # The laws have the points' weights, which sum to the span's length.
+    e = 3 * span
+    stiff = load(law.bend, 3 * e + 2) + load(law.bend, 3 * e + 5) + load(law.bend, 3 * e + 8)
+    x, y, z, t = _add_square(x, y, z, t, stiff, work, TURN + 4 * i, TURN + 4 * j)
+    _put_block(band, at, x, y, z, t)
+    linear, twisted = entry(tables.linear, span) > 0.0, entry(tables.twist_linear, span) > 0.0
+    if twisted:
+        _add_to_block(band, at, stiff, work, TURN_TILT + 4 * i, TURN_TILT + 4 * j)
+    if linear:
+        stiff = load(law.stretch, e) + load(law.stretch, e + 1) + load(law.stretch, e + 2)
+        _add_to_block(band, at, stiff, work, LINE + 4 * i, LINE + 4 * j)
+        _add_to_block(band, at, stiff, work, LINE_TILT + 4 * i, LINE_TILT + 4 * j)
+
+
+@njit(from_python=False, **FLAGS)
+def _add_to_block(band, at, stiff, work, i, j):
+    """Add a square, see `_add_square`, to a block that is written already."""
+    x, y, z, t = _four(band, at), _four(band, at + 4), _four(band, at + 8), _four(band, at + 12)
+    x, y, z, t = _add_square(x, y, z, t, stiff, work, i, j)
+    _put_block(band, at, x, y, z, t)
+
+
+@njit(**INLINE)
+def _four(array, at):
+    """Four rows."""
+    return load(array, at), load(array, at + 1), load(array, at + 2), load(array, at + 3)
+
+
+@njit(**INLINE)
+def _put_block(band, at, x, y, z, t):
+    """Write a block, row by row."""
+    for k, row in enumerate((x, y, z, t)):
+        store(band, at + 4 * k, row[0])
+        store(band, at + 4 * k + 1, row[1])
+        store(band, at + 4 * k + 2, row[2])
+        store(band, at + 4 * k + 3, row[3])
+
+
+@njit(**INLINE)
+def _add_square(x, y, z, t, stiff, work, i, j):
+    """Rows of a block and stiff times four rows from row i on by four from row j on."""
+    four = _four(work, j)
+    return (
+        _plus(x, stiff * load(work, i), four), _plus(y, stiff * load(work, i + 1), four),
+        _plus(z, stiff * load(work, i + 2), four), _plus(t, stiff * load(work, i + 3), four),
+    )  # fmt: skip
+
+
+@njit(**INLINE)
+def _plus(x, factor, a):
+    return x[0] + factor * a[0], x[1] + factor * a[1], x[2] + factor * a[2], x[3] + factor * a[3]
