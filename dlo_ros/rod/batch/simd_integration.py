@@ -12,7 +12,15 @@ import numpy as np
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.adaptive_integration import FIRST_STEP, next_stop
 from dlo_ros.rod.batch.simd_kernels import BatchLaw, Frame, Scratch, Tables, tensions
-from dlo_ros.rod.batch.simd_step import BatchState, Room, Sets, accept, rate_weights, try_step
+from dlo_ros.rod.batch.simd_step import (
+    UNKNOWN,
+    BatchState,
+    Room,
+    Sets,
+    accept,
+    rate_weights,
+    try_step,
+)  # fmt: skip
 from dlo_ros.rod.boundary.conditions import Imposed, impose
 from dlo_ros.rod.simd.eight_lanes import LANES, address, entry, load, store
 from dlo_ros.rod.solve.generalised_alpha import DONE, NO_CONVERGENCE, NO_DIRECTION, SMALLEST_STEP
@@ -78,7 +86,7 @@ def march(sets, tables, imposed, frames, motion, room, clock, reach, limit, stop
 def _march_group(sets, tables, imposed, frames, motion, room, target, clock, reach, limit, stops,
                  tolerance, newton, shapes, twists):  # fmt: skip
     """Integrate one group; `adaptive_integration.march` says how steps are chosen."""
-    steps = 0
+    steps, pace = 0, UNKNOWN
     theta, pins = np.zeros(2), np.zeros((0, 3))
     at_rest = False  # whether the target is one that no longer changes
     for k in range(stops.size):
@@ -98,7 +106,9 @@ def _march_group(sets, tables, imposed, frames, motion, room, target, clock, rea
                         return NO_DIRECTION, steps
                     at_rest = imposed.times.size == 0 or clock[0] >= imposed.times[-1] - 1e-9
                 weights = rate_weights(h, clock[1])
-                done, error = try_step(sets, tables, motion, room, h, weights, limit, newton)
+                done, error, pace = try_step(
+                    sets, tables, motion, room, h, weights, limit, newton, pace
+                )
                 if done and (error <= 2.0 * tolerance or h < 10.0 * SMALLEST_STEP):
                     break
                 h *= max(0.2, 0.8 * (tolerance / error) ** (1.0 / 3.0)) if done else 0.25

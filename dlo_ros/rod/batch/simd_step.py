@@ -25,6 +25,8 @@ from dlo_ros.rod.solve.generalised_alpha import ALPHA_F, ALPHA_M, BETA, GAMMA, S
 from dlo_ros.spline import FloatArray
 
 MAX_NEWTON = 12
+UNKNOWN = (1.0, 0.0)  # pace of Newton's method
+AGEING = 0.8  # exponent by which a pace that was not measured anew loses its worth (Hairer, Wanner)
 TURN = 0.1  # of L: how far an error of theta of 1 rad counts in the convergence
 
 
@@ -120,21 +122,26 @@ def _predict(n, dof, sets, motion, room, h, c_mass, c_drag):
 
 
 @linked()
-def _newton(tables, room, frame, tension, limit, tolerance):
+def _newton(tables, room, frame, tension, limit, tolerance, pace):
     """Solve the step's equations from room.q.
 
     Args:
         frame, tension: reference frame, and see `assemble`.
         limit, tolerance: a control point's root mean square move in the last iteration [m] that
             is too large, as L is, and that is small enough.
+        pace: by what the last move of a former step was smaller than the one before, and that
+            one [m]; (1, 0) where nothing is known. What one move leaves to the next is estimated by
+            it, as in implicit Runge-Kutta methods (Hairer and Wanner, Solving Ordinary Differential
+            Equations II, 1996, section IV.8).
 
     Returns:
-        Whether all sets have converged, and the smallest pivot.
+        Whether all sets have converged, the smallest pivot and the pace.
     """
     lo, hi, dof = tables.lo, tables.hi, tables.dof
     scratch = room.scratch
     if hi <= lo:
-        return True, 1.0
+        return True, 1.0, pace
+    ratio, before = pace[0] ** AGEING, 0.0
     for iteration in range(MAX_NEWTON):
         first = iteration == 0
         if dof == 4:
@@ -154,18 +161,27 @@ def _newton(tables, room, frame, tension, limit, tolerance):
             square += x * x
         move = np.sqrt(largest(square) / (hi - lo))
         if not move < limit:
-            return False, pivot
-        if move < tolerance:
-            return True, pivot
-    return False, 0.0
+            return False, pivot, pace
+        if not first:
+            ratio = move / before
+            pace = ratio, before
+        elif move > pace[1]:  # quadratic convergence: a larger move leaves more
+            ratio *= move / max(pace[1], tolerance)
+        if move < tolerance or (ratio < 1.0 and move * ratio < tolerance * (1.0 - ratio)):
+            if first:
+                pace = pace[0] ** AGEING, pace[1]
+            return True, pivot, pace
+        before = move
+    return False, 0.0, pace
 
 
 @linked()
-def try_step(sets, tables, motion, room, h, weights, limit, newton):
+def try_step(sets, tables, motion, room, h, weights, limit, newton, pace):
     """Try a step of length h whose target is in place.
 
     Returns:
-        Whether it converged on the branch, and the estimated error of the worst set [m].
+        Whether it converged on the branch, the estimated error of the worst set [m], and the pace
+        of Newton's method, see `_newton`.
     """
     c_mass = (1.0 - ALPHA_M) / ((1.0 - ALPHA_F) * BETA * h * h)
     c_drag = GAMMA / (BETA * h)
@@ -183,10 +199,12 @@ def try_step(sets, tables, motion, room, h, weights, limit, newton):
             store(room.q, i, spread(entry(room.target, i)))
         elif held != 0.0:
             store(room.q, i, load(motion.q, i))
-    converged, pivot = _newton(tables, room, motion.frame, motion.tension, limit, newton)
+    converged, pivot, pace = _newton(
+        tables, room, motion.frame, motion.tension, limit, newton, pace
+    )
     # A negative pivot: the step has left the branch that a smaller one would follow.
     if not converged or (not pivot > 0.0 and h > 10.0 * SMALLEST_STEP):
-        return False, np.inf
+        return False, np.inf, UNKNOWN
     total = spread(0.0)
     rate = 1.0 / (BETA * h * h)
     for i in range(dof * n):
@@ -201,7 +219,7 @@ def try_step(sets, tables, motion, room, h, weights, limit, newton):
             square += x * x
         total += root(square)
     jump = largest(total) / max(count, 1)
-    return True, abs(BETA - 1.0 / 6.0) * h * h * jump
+    return True, abs(BETA - 1.0 / 6.0) * h * h * jump, pace
 
 
 @linked()
