@@ -44,7 +44,7 @@ CHAIN, FLEX, ELASTICA = MujocoChain(), MujocoFlex(), PyElastica()
 # Not held against a goal, only shown: joints that know no third dimension, steps beyond 40 ms.
 SHOWN = (MujocoChain("hinge"), MujocoChain(long_steps=True))
 FORMS = ((OURS, ""), (SPACE, ", with twist"))
-FOR_SETS = (OursForSets(OURS), ForSets(SPACE), ForSets(CHAIN))
+FOR_SETS = (OursForSets(OURS), OursForSets(SPACE), ForSets(CHAIN))
 
 Key = tuple[str, str, float]  # contender, task, level
 

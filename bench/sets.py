@@ -18,7 +18,7 @@ from mujoco import batch
 
 from bench.contender import Contender, Failure, Prepared, Setting
 from bench.mujoco_chain import MujocoChain, chain_curves, chain_xml, clamp_path
-from bench.ours import rod_settings, straight
+from bench.ours import Ours, in_space, rod_settings, straight
 from bench.reference import reference
 from bench.tasks import Task
 from dlo_ros.command import NANOSECONDS
@@ -68,31 +68,18 @@ class Together(ABC):
             return np.inf
 
 
-class OneByOne(Together):
-    """All sets after each other."""
-
-    def __init__(self, contender: Contender, task: Task, setting: Setting) -> None:
-        self.tasks, self.stretch = variants(task), contender.stretch
-        self.prepared = [contender.prepare(v, setting) for v in self.tasks]
-
-    def run(self) -> list[Any]:
-        """See the base class."""
-        return [prepared.run() for prepared in self.prepared]
-
-    def curves(self, result: Any, k: int) -> FloatArray:
-        """See the base class."""
-        return self.prepared[k].curves(result[k])
-
-
 class Lanes(Together):
-    """The rod of this package in its plane: one call for all sets.
+    """The rod of this package: one call for all sets.
 
     Args:
         numbers: indices of the parameter sets to simulate.
+        spatial: whether the form in space is forced.
     """
 
-    def __init__(self, task: Task, setting: Setting, numbers: Sequence[int] = range(SETS)) -> None:
-        self.tasks, self.numbers = variants(task), list(numbers)
+    def __init__(
+        self, task: Task, setting: Setting, numbers: Sequence[int] = range(SETS), *, spatial: bool
+    ) -> None:
+        self.tasks, self.numbers, self.spatial = variants(task), list(numbers), spatial
         self.duration = round(task.duration * NANOSECONDS)
         model, boundary, state, self.command = straight(task, setting)
         models = [model.with_settings(rod_settings(self.tasks[k], setting)) for k in self.numbers]
@@ -102,7 +89,8 @@ class Lanes(Together):
 
     def run(self) -> Tracks:
         """See the base class."""
-        tracks = self.sets.follow(self.states, self.command, [self.duration])
+        with in_space(self.spatial):
+            tracks = self.sets.follow(self.states, self.command, [self.duration])
         if tracks.failures:
             raise Failure(next(iter(tracks.failures.values())))
         return tracks
@@ -155,14 +143,10 @@ class MujocoBatch(Together):
 
 
 class ForSets(Contender):
-    """Looks for settings of a contender that are good enough for all sets that are checked.
+    """Looks for settings of MuJoCo's chain that are good enough for all sets that are checked."""
 
-    Args:
-        one: simulates one set.
-    """
-
-    def __init__(self, one: Contender) -> None:
-        self.one = one
+    def __init__(self, one: MujocoChain) -> None:
+        self.one: Contender = one
         self.name, self.size, self.stretch = one.name, one.size, one.stretch
 
     def settings(self, task: Task) -> Iterable[list[Setting]]:
@@ -184,13 +168,15 @@ class ForSets(Contender):
 
     def together(self, task: Task, setting: Setting) -> Together:
         """All sets of a task."""
-        if isinstance(self.one, MujocoChain):
-            return MujocoBatch(task, setting)
-        return OneByOne(self.one, task, setting)
+        return MujocoBatch(task, setting)
 
 
 class OursForSets(ForSets):
-    """Ours in the plane: sets share their steps, so that the search is for a group of them."""
+    """Ours: sets share their steps, so that the search is for a group of them."""
+
+    def __init__(self, one: Ours) -> None:
+        self.one, self.spatial = one, one.spatial
+        self.name, self.size, self.stretch = one.name, one.size, one.stretch
 
     def settings(self, task: Task) -> Iterable[list[Setting]]:
         """See the base class; every number of control points up to 18."""
@@ -201,7 +187,7 @@ class OursForSets(ForSets):
 
     def prepare(self, task: Task, setting: Setting) -> Prepared:
         """A group of them."""
-        lanes = Lanes(task, setting, GROUP)
+        lanes = Lanes(task, setting, GROUP, spatial=self.spatial)
         return Prepared(lanes.run, lambda tracks: lanes.curves(tracks, GROUP[0]))
 
     def error(self, task: Task, setting: Setting) -> float:
@@ -210,11 +196,12 @@ class OursForSets(ForSets):
         longer = replace(task, duration=2.0 * task.duration)
         worst = 0.0
         for part, chosen in ((task, setting), (longer, setting), (task, finer)):
-            worst = max(worst, Lanes(part, chosen, GROUP).worst_error())
+            lanes = Lanes(part, chosen, GROUP, spatial=self.spatial)
+            worst = max(worst, lanes.worst_error())
             if worst > max(task.levels):
                 break
         return worst
 
     def together(self, task: Task, setting: Setting) -> Together:
         """See the base class."""
-        return Lanes(task, setting)
+        return Lanes(task, setting, spatial=self.spatial)
