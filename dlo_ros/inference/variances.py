@@ -27,8 +27,11 @@ from dlo_ros.spline import FloatArray
 LEAST_NOISE = 2e-6
 """Smallest standard deviation over L: below, rounding and time steps would count as noise."""
 DETAIL = 0.1
-"""Smallest standard deviation of the noise over what a model misses: finer details do not judge a
-model that is so far off."""
+"""Smallest standard deviation of the noise over what a model misses across the DLO: finer details
+do not judge a model that is so far off. Along it a measurement may be far off by itself, where u is
+counted from an end that is seen too early."""
+ALONG = 1
+"""Number of the direction along the DLO, see `Spectrum.part`."""
 LARGEST = 1.0
 """Largest standard deviation of any component over L."""
 REPEATED_STD = 0.003
@@ -276,17 +279,22 @@ def _parted(x: FloatArray, parts: int) -> tuple[FloatArray, float, FloatArray]:
 
 
 def _missed(spectra: Sequence[Spectrum], offset: FloatArray, precision: FloatArray) -> list[float]:
-    """Mean square by which the linearised model misses each recording where it fits best [m^2]."""
+    """Mean square by which the linearised model misses each recording across the DLO [m^2].
+
+    That is where it fits best, along it, too.
+    """
     weight = sum(float(s.count.sum()) for s in spectra)
     weight /= max(sum(float(s.sum_of_squares.sum()) for s in spectra), 1e-300)
     hessians = [s.hessian.sum(axis=0) for s in spectra]
     gradients = [s.gradient.sum(axis=0) for s in spectra]
     lhs = np.diag(precision) + weight * np.sum(hessians, axis=0)
     step = np.linalg.solve(lhs, precision * offset + weight * np.sum(gradients, axis=0))
-    return [
-        max(float(s.sum_of_squares.sum() - 2.0 * g @ step + step @ h @ step), 0.0) / s.frames
-        for s, g, h in zip(spectra, gradients, hessians, strict=True)
-    ]
+    result = []
+    for s in spectra:
+        left = s.sum_of_squares - 2.0 * s.gradient @ step
+        left += np.einsum("p,bpq,q->b", step, s.hessian, step)
+        result.append(max(float(left[s.part != ALONG].sum()), 0.0) / s.frames)
+    return result
 
 
 def _bounds(
