@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dlo_ros.diagnosis.findings.wall_direction import WALL, wall_factors
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, borrowed
 from dlo_ros.inference.losses import misfit
@@ -51,10 +52,10 @@ def confirmed(at: Evaluation, recordings: Sequence[Recording], names: Iterable[s
         return Widening()
     ratio = at.model.axis("young_modulus") - at.model.axis("density")
     known = [n for n in names if n in at.model.names]
-    return Widening(
-        {n: factor_along(at, recordings, at.model.axis(n)) for n in known},
-        factor_along(at, recordings, ratio),
-    )
+    factors = {n: factor_along(at, recordings, at.model.axis(n)) for n in known}
+    walls = wall_factors(at, recordings) if set(WALL) & set(known) else {}
+    factors |= {n: max(factor, factors.get(n, 1.0)) for n, factor in walls.items()}
+    return Widening(factors, factor_along(at, recordings, ratio))
 
 
 def factor_along(at: Evaluation, recordings: Sequence[Recording], weights: FloatArray) -> float:
