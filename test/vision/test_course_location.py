@@ -59,3 +59,20 @@ def test_a_shadow_only_takes_light_away():
 
 def test_a_rope_is_found_beside_its_shadow():
     assert judge(351014, "dark", "start").found == "right"  # 8.7 px beside it in the shadow
+
+
+def test_edges_that_change_their_distance_beside_a_shadow_are_in_doubt():
+    # For a third of its length the rope's shadow, of its own tone, moves one edge by 2 px.
+    picture = stripes(0.3 * GROUND)
+    picture[35:37, 70:130] = picture[30, 100]
+    for known, least in ((True, 0.8), (False, 0.0)):
+        curve = np.column_stack([np.arange(10.0, 190.0), np.full(180, 29.5)])
+        doubt = locate(picture, curve, WIDTH, known_width=known).doubt
+        assert doubt[85:95].min() > least
+        assert max(doubt[:30].max(), doubt[-30:].max()) < 0.1
+
+
+def test_the_std_contains_edges_that_change_over_to_a_shadow():
+    verdict = judge(800024, "dark", "start")
+    assert verdict.found == "right"
+    assert verdict.across < 1.5  # 3.0 without it

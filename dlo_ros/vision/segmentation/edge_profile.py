@@ -238,6 +238,11 @@ def locate(
     axis /= np.maximum(np.linalg.norm(axis, axis=1), 1e-6)[:, None]
     across = np.einsum("ikc,ic->ik", strip, axis)
     lopsided = doubt_of_middle(across, offsets, middle, seen, 2.0 * half, spacing)
+    if known_width and np.any(both):
+        # A third edge lies beside the DLO's: where the distance of two changes, it is one of them.
+        apart = filled(edge_right - edge_left, both)
+        apart = running_median(apart, 2 * round(BLUR_WINDOW * width / spacing) + 1)
+        one_sided = np.hypot(one_sided, 0.5 * np.abs(apart - 2.0 * half))
     return Located(
         curve,
         normals,
