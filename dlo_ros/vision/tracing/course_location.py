@@ -24,7 +24,7 @@ from dlo_ros.vision.tracing.centring import centred
 from dlo_ros.vision.tracing.ridge_snapping import follow
 
 UNEQUAL = 0.5  # [contrasts] grounds on both sides that differ by less leave no DLO beside a shadow
-NEUTRAL = 0.2  # of a shadow's contrast, by which noise and coloured light change its colour
+NEUTRAL = 0.1  # of a shadow's contrast, by which noise and coloured light change its colour
 PLACES: FloatArray = np.array([-1.05, 0.0, 1.0, 1.9])
 """[widths] Middles of the ground, a shadow, the DLO that casts it, and the ground beyond."""
 BREADTH: FloatArray = 0.15 * np.linspace(-1.0, 1.0, 5)  # [widths] about each of them
