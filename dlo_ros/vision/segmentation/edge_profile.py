@@ -185,7 +185,7 @@ def locate(
     slope_left, climb_left = slope_towards(fine, offsets, core_left - left)
     slope_right, climb_right = slope_towards(fine, offsets, right - core_right)
     least = min(0.42 * width, 0.25 * width + 2.0)
-    one_sided = 0.0
+    one_sided: FloatArray | float = 0.0
     for _ in range(2):
         # A motion smears both edges alike, and its path changes slowly along the DLO. What climbs
         # more slowly at one edge, or for a short way, is something else beside the DLO.
@@ -242,7 +242,7 @@ def locate(
         # A third edge lies beside the DLO's: where the distance of two changes, it is one of them.
         apart = filled(edge_right - edge_left, both)
         apart = running_median(apart, 2 * round(BLUR_WINDOW * width / spacing) + 1)
-        one_sided = np.hypot(one_sided, 0.5 * np.abs(apart - 2.0 * half))
+        one_sided = np.asarray(np.hypot(one_sided, 0.5 * np.abs(apart - 2.0 * half)))
     return Located(
         curve,
         normals,
