@@ -5,7 +5,7 @@ The equations M q'' + C q' + elastic forces = loads (paper, eq. (9)) hold exactl
 every step; the generalised-alpha method relates q'' to an auxiliary acceleration. The strain rate
 is a second-order backward difference, so a step minimises an incremental potential: the elastic
 energy with another stiffness and other rest strains. The compiled steps are in
-`adaptive_integration`, and for batches of rods in the plane in `batch.simd_integration`.
+`adaptive_integration`, and for batches of rods in `batch.simd_integration`.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def follow(
     true = true_command(model, command)
     flat = in_plane(model, state, true, parameters)
     if not parameters and not speeds and in_lanes(model, boundary):
-        tracks = sets_of(model, boundary).follow([state], command, stamps)
+        tracks = sets_of(model, boundary).follow([state], command, stamps, flat=flat)
         if tracks.failures:
             raise SimulationError(tracks.failures[0])
         none = np.zeros((len(stamps), 0, *state.q.shape))

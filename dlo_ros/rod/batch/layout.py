@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from dlo_ros.rod.boundary.conditions import END_CLAMP, START_CLAMP
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.elements.rod_tables import DOF
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.planar_model import reduce
+from dlo_ros.rod.planar_model import IN_PLANE, reduce
 from dlo_ros.rod.simd.eight_lanes import LANES, rows
 from dlo_ros.rod.state import State
 from dlo_ros.spline import FloatArray
@@ -37,6 +38,7 @@ class Layout:
         flat: whether they move in the plane y = 0, with x and z only.
 
     Attributes:
+        place: where the rows of each part of a state begin, in the order of `BatchState`.
         order: number of the set in each lane, (C, LANES); the last one fills up.
     """
 
@@ -73,6 +75,9 @@ class Layout:
             else (size, size, spatial_kernels.BLOCKS * n, 3 * spatial_kernels.POINT,
                   spatial_kernels.SPAN, 3 * points)
         )  # fmt: skip
+        frame = [0] * 4 if flat else [3 * points, 3 * points, 3 * points, points]
+        parts = [size] * 4 + [points] * 2 + [bends] * 2 + frame + [points]
+        self.place = np.concatenate([[0], np.cumsum(parts)])
         self.room = Room(
             BatchLaw(rows(points), rows(points), rows(bends), rows(bends)),
             Scratch(*(rows(count) for count in scratch)),
@@ -87,27 +92,24 @@ class Layout:
         result[...] = flat[self.order].transpose(0, 2, 1)
         return result
 
-    def motion(self, states: Sequence[State]) -> BatchState:
-        """A copy of states, one for each set."""
-        q, velocity, acceleration, auxiliary = (
-            self.lanes(reduce(np.array([getattr(state, name) for state in states]), self.flat))
-            for name in ("q", "velocity", "acceleration", "auxiliary")
-        )
-        bent = slice(1) if self.flat else slice(3)
-        frame = [rows(len(self.order), 0)] * 4
-        if not self.flat:
-            frame = [
-                self.lanes([getattr(state.reference, name) for state in states])
-                for name in Frame._fields
-            ]
-        return BatchState(
-            q, velocity, acceleration, auxiliary,
-            self.lanes([state.strains.stretch for state in states]),
-            self.lanes([state.previous.stretch for state in states]),
-            self.lanes(np.array([state.strains.other for state in states])[:, :, bent]),
-            self.lanes(np.array([state.previous.other for state in states])[:, :, bent]),
-            rows(len(self.order), len(states[0].strains.stretch)), Frame(*frame),
-        )  # fmt: skip
+    def motion(self, states: Sequence[State]) -> FloatArray:
+        """A copy of states, one for each set, as rows of `place`, (C, rows, LANES)."""
+        flat = np.empty((len(states), self.place[-1]))
+        for k, state in enumerate(states):
+            moving = np.concatenate((state.q, state.velocity, state.acceleration, state.auxiliary))
+            now, before, frame = state.strains, state.previous, state.reference
+            if self.flat:
+                parts = [moving[:, :: IN_PLANE[1]], now.stretch, before.stretch, now.other[:, 0],
+                         before.other[:, 0]]  # fmt: skip
+            else:
+                parts = [moving, now.stretch, before.stretch, now.other, before.other, *frame]
+            np.concatenate([part.ravel() for part in parts], out=flat[k, : self.place[-2]])
+        return self.lanes(flat)
+
+    def unpacked(self, motion: FloatArray) -> BatchState:
+        """Views of what `motion` gives."""
+        parts = [motion[:, a:b] for a, b in pairwise(self.place)]
+        return BatchState._make([*parts[:8], Frame(*parts[8:12]), parts[12]])
 
 
 def _fixed(boundary: Boundary, n: int, *, flat: bool) -> FloatArray:

@@ -3,8 +3,8 @@
 
 For thousands of hypotheses about one DLO under one command. The sets may differ in all that a
 `RodModel` has but its basis: stiffness, rest strains, mass, drag, loads, relaxation time. Eight
-sets share their steps: those that the set with the largest error needs. Where all of them stay in the
-plane y = 0 they move with x and z alone, else in space with twist.
+sets share their steps: those that the set with the largest error needs. Where all of them stay in
+the plane y = 0 they move with x and z alone, else in space with twist.
 """
 
 from __future__ import annotations
@@ -97,7 +97,14 @@ class ParameterSets:
                     "simulate such sets one by one"
                 )
 
-    def follow(self, states: Sequence[State], command: Command, stamps: Sequence[int]) -> Tracks:
+    def follow(
+        self,
+        states: Sequence[State],
+        command: Command,
+        stamps: Sequence[int],
+        *,
+        flat: bool | None = None,
+    ) -> Tracks:
         """Integrate all sets through stamps, as `dynamics.follow` does one.
 
         A group of eight sets that does not converge is simulated set by set, so that one bad set
@@ -107,6 +114,7 @@ class ParameterSets:
         Args:
             states: one state for each set, all at the same instant.
             stamps: [ns], growing, none before the states'.
+            flat: whether all sets stay in the plane y = 0, where that is known.
 
         Raises:
             InputError: the states do not fit the sets.
@@ -114,7 +122,8 @@ class ParameterSets:
         """
         commanded, command = command, self._true(command)
         self._check_states(states)
-        flat = self._in_plane(states, command)
+        if flat is None:
+            flat = self._in_plane(states, command)
         if flat not in self._layouts:
             self._layouts[flat] = Layout(self.models, self.boundary, flat=flat)
         layout = self._layouts[flat]
@@ -125,14 +134,17 @@ class ParameterSets:
         clock = self._clock(states, command, layout)
         # A group has the command's frames of its held ends, whatever the set.
         frames = np.array([state.frames for state in states])
-        others = [] if flat else self._other_frames(states, frames, layout)
+        alone = flat or len(states) == 1
+        others = [] if alone else self._other_frames(states, frames, layout)
         frames = frames[layout.order[:, 0]]
-        shapes, status = rows(len(clock), len(times), motion.q.shape[1]), np.empty((len(clock), 2), np.int64)
-        twists = rows(len(clock), len(times), 0 if flat else motion.stretch.shape[1])
+        shapes = rows(len(clock), len(times), layout.place[1])
+        status = np.empty((len(clock), 2), np.int64)
+        twists = rows(len(clock), len(times), 0 if flat else len(states[0].strains.stretch))
         march(
-            layout.sets, layout.tables, self.boundary.imposed(command), frames, motion, layout.room,
-            clock, self.boundary.reach * lengthening, length, times, self._tolerance,
-            max(NEWTON_SHARE * self._tolerance, ROUNDING * length), shapes, twists, status,
+            layout.sets, layout.tables, self.boundary.imposed(command), frames, motion,
+            layout.place, layout.room, clock, self.boundary.reach * lengthening, length, times,
+            self._tolerance, max(NEWTON_SHARE * self._tolerance, ROUNDING * length), shapes,
+            twists, status,
         )  # fmt: skip
         if np.any(status[:, 0] == NO_DIRECTION):
             raise CommandError(NO_DIRECTION_TEXT)
@@ -144,7 +156,9 @@ class ParameterSets:
         moved = moved.reshape(count, len(times), n, -1)
         stamp = int(stamps[-1]) if len(stamps) else states[0].stamp
         directed = np.array([[self.boundary.clamped_start], [self.boundary.clamped_end]])
-        ends = EndStates(self.models, tuple(states), motion, clock, frames, directed, stamp)
+        ends = EndStates(
+            self.models, tuple(states), layout.unpacked(motion), clock, frames, directed, stamp
+        )
         tracks = Tracks(
             expand(moved, states[0].q), twisted, status[:, 1].repeat(LANES)[:count], {}, ends
         )
@@ -157,7 +171,7 @@ class ParameterSets:
     def _true(self, command: Command) -> Command:
         """The command with the sets' effects, which must agree on it."""
         true = true_command(self.models[0], command)
-        for k, model in enumerate(self.models):
+        for k, model in enumerate(self.models[1:], start=1):
             other = true_command(model, command)
             if not (
                 np.array_equal(other.positions, true.positions)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.adaptive_integration import FIRST_STEP, next_stop
 from dlo_ros.rod.batch.simd_kernels import BatchLaw, Frame, Scratch, Tables, tensions
@@ -24,16 +25,18 @@ from dlo_ros.rod.batch.simd_step import (
 from dlo_ros.rod.boundary.conditions import Imposed, impose
 from dlo_ros.rod.simd.eight_lanes import LANES, address, entry, load, store
 from dlo_ros.rod.solve.generalised_alpha import DONE, NO_CONVERGENCE, NO_DIRECTION, SMALLEST_STEP
+from dlo_ros.rod.solve.integrator_state import assign
 
 
 @linked(from_python=True)
-def march(sets, tables, imposed, frames, motion, room, clock, reach, limit, stops, tolerance,
+def march(sets, tables, imposed, frames, motion, place, room, clock, reach, limit, stops, tolerance,
           newton, shapes, twists, status):  # fmt: skip
     """Integrate all sets to a series of times, one group of LANES after the other.
 
     Args:
         frames: frames of both ends, (C, 2, FRAME), updated in place.
-        motion: states of the sets, updated in place.
+        motion: states of the sets, updated in place, (C, rows, LANES).
+        place: first rows of their parts, see `layout.Layout`.
         clock: time from the command's start, last and next step [s], carried along, (C, 3).
         reach: distance of the second control point from an end [m].
         limit: moves of a control point beyond this are taken as divergence [m].
@@ -66,20 +69,27 @@ def march(sets, tables, imposed, frames, motion, room, clock, reach, limit, stop
             address(sets.mass[c]), address(sets.drag[c]), address(sets.spin[c]),
             address(sets.load[c]), address(sets.relaxation_time[c]),
         )  # fmt: skip
-        frame = motion.frame
-        place = BatchState(
-            address(motion.q[c]), address(motion.velocity[c]), address(motion.acceleration[c]),
-            address(motion.auxiliary[c]), address(motion.stretch[c]),
-            address(motion.stretch_before[c]), address(motion.bend[c]),
-            address(motion.bend_before[c]), address(motion.tension[c]),
-            Frame(address(frame.tangent[c]), address(frame.rate[c]), address(frame.director[c]),
-                  address(frame.twist[c])),
+        group_motion = motion[c]
+        state = BatchState(
+            _part(group_motion, place, 0), _part(group_motion, place, 1),
+            _part(group_motion, place, 2), _part(group_motion, place, 3),
+            _part(group_motion, place, 4), _part(group_motion, place, 5),
+            _part(group_motion, place, 6), _part(group_motion, place, 7),
+            Frame(_part(group_motion, place, 8), _part(group_motion, place, 9),
+                  _part(group_motion, place, 10), _part(group_motion, place, 11)),
+            _part(group_motion, place, 12),
         )  # fmt: skip
-        tensions(place.stretch, group.law, common, place.tension)
+        tensions(state.stretch, group.law, common, state.tension)
         status[c, 0], status[c, 1] = _march_group(
-            group, common, imposed, frames[c], place, space, room.target, clock[c], reach, limit,
+            group, common, imposed, frames[c], state, space, room.target, clock[c], reach, limit,
             stops, tolerance, newton, shapes[c], twists[c],
         )  # fmt: skip
+
+
+@njit(from_python=False)
+def _part(motion, place, k):
+    """Address of part k of a group's state."""
+    return address(motion[place[k] :])
 
 
 @linked()
@@ -87,7 +97,7 @@ def _march_group(sets, tables, imposed, frames, motion, room, target, clock, rea
                  tolerance, newton, shapes, twists):  # fmt: skip
     """Integrate one group; `adaptive_integration.march` says how steps are chosen."""
     steps, pace = 0, UNKNOWN
-    theta, pins = np.zeros(2), np.zeros((0, 3))
+    theta, pins, tried = np.zeros(2), np.zeros((0, 3)), frames.copy()
     at_rest = False  # whether the target is one that no longer changes
     for k in range(stops.size):
         while clock[0] < stops[k] - 1e-12:
@@ -99,10 +109,12 @@ def _march_group(sets, tables, imposed, frames, motion, room, target, clock, rea
                 steps += 1
                 if not at_rest:
                     time = clock[0] + h
+                    # A frame depends on its way, to which a rejected step does not belong.
+                    assign(tried, frames)
                     if tables.dof == 4:
                         theta[0] = entry(motion.q, 3 * LANES)
                         theta[1] = entry(motion.q, (4 * tables.n - 1) * LANES)
-                    if not impose(imposed, time, theta, reach, frames, target, pins):
+                    if not impose(imposed, time, theta, reach, tried, target, pins):
                         return NO_DIRECTION, steps
                     at_rest = imposed.times.size == 0 or clock[0] >= imposed.times[-1] - 1e-9
                 weights = rate_weights(h, clock[1])
@@ -115,6 +127,7 @@ def _march_group(sets, tables, imposed, frames, motion, room, target, clock, rea
                 if h < SMALLEST_STEP:
                     return NO_CONVERGENCE, steps
             accept(tables, motion, room, h)
+            assign(frames, tried)
             growth = 2.0
             if error > 0.0:
                 growth = min(2.0, 0.9 * (tolerance / error) ** (1.0 / 3.0))

@@ -56,8 +56,8 @@ class BatchState(NamedTuple):
     stretch_before: FloatArray
     bend: FloatArray  # (nb,), in space (3 nb,)
     bend_before: FloatArray
-    tension: FloatArray  # (nb,) with weights, as `assemble` takes it
     frame: Frame
+    tension: FloatArray  # (nb,) with weights, as `assemble` takes it
 
 
 class Room(NamedTuple):

@@ -172,9 +172,7 @@ def _points(q, tables, frame, law, scratch, span, tension, first):
         _put(work, SLOPES + 7 * g + 3, s)
         store(work, SLOPES + 7 * g + 6, theta)
         size = np.sqrt(dot(p, p))
-        added = carried_twist(
-            p, s, 1.0 / size, _get(frame.tangent, 3 * e), _get(frame.rate, 3 * e)
-        )
+        added = carried_twist(p, s, 1.0 / size, _get(frame.tangent, 3 * e), _get(frame.rate, 3 * e))
         a, b, c = b, c, rate + load(frame.twist, e) + added
         x1, x2, x3 = x2, x3, size
         y1, y2, y3 = y2, y3, dot(p, _get(scratch.tangent, 3 * e))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.rod.batch.simd_step import BatchState
+from dlo_ros.rod.boundary.conditions import THETA
 from dlo_ros.rod.elements.rod_tables import Reference
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.planar_model import expand, flat_reference
@@ -37,12 +38,12 @@ class EndStates:
             return self.alone[number]
         before, model = self.before[number], self.models[number]
         group, lane = divmod(number, LANES)
-        *values, frame = self.motion
+        *values, frame, _ = self.motion
         n = len(before.q)
         q, velocity, acceleration, auxiliary = (
             expand(x[group, :, lane].reshape(n, -1), before.q) for x in values[:4]
         )
-        stretch, stretch_before, bend, bend_before, _ = (x[group, :, lane] for x in values[4:])
+        stretch, stretch_before, bend, bend_before = (x[group, :, lane] for x in values[4:])
         if frame.twist.shape[1]:
             tangent, rate, director, twist = (x[group, :, lane] for x in frame)
             reference = Reference(
@@ -51,6 +52,7 @@ class EndStates:
         else:
             reference = flat_reference(model, q, before.reference)
         frames = np.where(self.directed, self.frames[group], before.frames)
+        frames[:, THETA] = q[[0, -1], 3]
         return replace(
             before,
             stamp=self.stamp,
@@ -82,7 +84,7 @@ class Tracks:
 
     Args:
         shapes: control points at every stamp, NaN for sets that failed, shape (S, T, n, 4).
-        twists: twist strain [rad/m] at the bending points, shape (S, T, nb); (S, T, 0) in the plane.
+        twists: twist strain [rad/m] at the bending points, shape (S, T, nb); none in the plane.
         steps: number of steps of each set, rejected ones included, shape (S,).
         failures: the reason why a set failed, by its number.
         ends: states of the sets at the last stamp.

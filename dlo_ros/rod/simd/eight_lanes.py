@@ -84,7 +84,7 @@ _define((operator.truediv, operator.itruediv), "fdiv")
 
 
 @infer_global(operator.neg)
-class _Negation(ConcreteTemplate):
+class _Negation(ConcreteTemplate):  # type: ignore[misc]
     cases = [signature(vector, vector)]  # noqa: RUF012
 
 
@@ -175,7 +175,7 @@ def root(_, value):
     return vector(value), _square_root
 
 
-class _Root(ConcreteTemplate):
+class _Root(ConcreteTemplate):  # type: ignore[misc]
     key = np.sqrt
     cases = [signature(vector, vector)]  # noqa: RUF012
 
@@ -221,5 +221,5 @@ def rows(*shape: int) -> FloatArray:
     """An array of zeros (*shape, LANES), each row in one line of the processor's cache."""
     size = math.prod(shape) * LANES
     room = np.zeros(size + LANES)
-    first = (-room.ctypes.data % WIDTH) // 8
+    first = (-room.__array_interface__["data"][0] % WIDTH) // 8
     return room[first : first + size].reshape(*shape, LANES)
