@@ -112,7 +112,7 @@ def test_a_draft_needs_no_derivatives_at_its_end(fitted, monkeypatch):
     monkeypatch.setattr(joint_fit, "evaluate", fails)
     draft = joint_fit.fit(near, recordings, 1, draft=True)
     assert not draft.derived
-    assert draft.mean_err == pytest.approx(final.mean_err)
+    assert draft.mean_err == pytest.approx(final.mean_err, rel=1e-3)  # by other engines
     assert draft.mean_err < near.mean_err
 
 

@@ -14,7 +14,8 @@ import numpy as np
 from dlo_ros.diagnosis.explain.candidate_trials import fitted
 from dlo_ros.diagnosis.explain.cause_naming import RIVAL
 from dlo_ros.effects.physics.wall import StraightWall
-from dlo_ros.inference.joint import Evaluation, misfit
+from dlo_ros.inference.joint import Evaluation
+from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.spline import FloatArray
