@@ -25,7 +25,7 @@ def identified(**stds):
     matrix = sum(np.outer(directions[k], directions[k]) / std**2 for k, std in stds.items())
     estimate = summarise(PAPER, logarithms(PAPER), matrix)
     fitted = SimpleNamespace(information=matrix, forces=None, ignored=())
-    return Identification(estimate, (), None, 3, True, fitted)
+    return Identification(estimate, (), None, True, fitted)
 
 
 @pytest.mark.parametrize("relaxation", [0.1, 0.24, 0.3, 0.45, 2.0])

@@ -50,7 +50,9 @@ def test_neutral_values_do_nothing(name):
         PAPER.with_effects({name: {k: q.nothing for k, q in quantities(name).items()}}),
         lifted(), STAMPS[:6],
     )  # fmt: skip
-    np.testing.assert_allclose(shapes(same), shapes(plain), atol=1e-9)
+    # Contact is simulated by the engine of single rods, whose Newton iterations end elsewhere.
+    apart = 1e-6 if name in {"obstacle", "surface_friction", "wall"} else 1e-9
+    np.testing.assert_allclose(shapes(same), shapes(plain), atol=apart)
 
 
 @pytest.mark.parametrize(
