@@ -156,7 +156,7 @@ def _more(
             progress("drawing recordings", len(kept.results) / arguments.bootstrap)
 
         redrawn = bootstrap(
-            train, start, found.fitted, count=arguments.bootstrap, pool=pool,
+            train, found.fitted, count=arguments.bootstrap, pool=pool,
             before=kept.results.copy(), done=done,
         )  # fmt: skip
         kept.remove()

@@ -67,13 +67,13 @@ def diagnose(
     progress("fitting the plain model", 0.0)
     beginning = begin([*recordings, *holdout], given)
     plain, found = _explained(beginning, count, given, progress)
-    better = _better_plain_model(plain, found, beginning, given)
+    better = _better_plain_model(plain, found, beginning)
     if better is not None:
         progress("fitting the plain model anew", 0.0)
         beginning = begin([*recordings, *holdout], given, better)
         plain, found = _explained(beginning, count, given, progress)
     progress("refining the simulation", 0.0)
-    sharper = _sharper(plain, found, beginning, given)
+    sharper = _sharper(plain, found, beginning)
     if sharper is not None:
         beginning = sharper
         plain, found = _explained(beginning, count, given, progress, found)
@@ -94,7 +94,7 @@ def _explained(
         before: what was learned with a coarser simulation; None: nothing.
     """
     learned = beginning.recordings[:count]
-    plain = _learned(beginning, count, given)
+    plain = _learned(beginning, count)
     rough = cache(partial(drafts, learned, plain))
 
     def explained(begun: TrainingSet, known: Learned | None) -> Learned:
@@ -135,7 +135,7 @@ def _met(
     return contacts_beside_set_up(rough(), given, plain, begun.prepared.scene)
 
 
-def _learned(beginning: Beginning, count: int, given: Settings) -> Evaluation:
+def _learned(beginning: Beginning, count: int) -> Evaluation:
     """The plain model fitted to the first `count` recordings, from which all may be learned.
 
     The initial fit has seen the others, too: from all recordings a starting point is found that
@@ -157,7 +157,7 @@ def _like(plain: Evaluation, found: Learned) -> ParametricModel:
 
 
 def _better_plain_model(
-    plain: Evaluation, found: Learned, beginning: Beginning, given: Settings
+    plain: Evaluation, found: Learned, beginning: Beginning
 ) -> ParametricModel | None:
     """A plain model that does better than the fitted one, whose fit had ended in a wrong minimum.
 
@@ -172,9 +172,7 @@ def _better_plain_model(
     return model if at.mean_err < MISSED * plain.mean_err else None
 
 
-def _sharper(
-    plain: Evaluation, found: Learned, beginning: Beginning, given: Settings
-) -> Beginning | None:
+def _sharper(plain: Evaluation, found: Learned, beginning: Beginning) -> Beginning | None:
     """The initial fit with simulations that are fine enough for an explanation.
 
     They were made fine enough for what the plain model leaves over. What remains beside an

@@ -19,7 +19,7 @@ def test_the_plain_model_has_not_seen_what_is_held_out():
     other, _ = moving("simple", {"gravity_tilt": {"angle": 0.3}}, 42)
     both = begin([recording, replace(other, name="other")], given)
     alone = begin([recording], given)
-    found = _learned(both, 1, given)
+    found = _learned(both, 1)
     ratio, spoilt, expected = (
         at.model.settings.rod.specific_modulus for at in (found, both.at, alone.at)
     )
@@ -30,7 +30,7 @@ def test_the_plain_model_has_not_seen_what_is_held_out():
     assert len(found.fields) == len(found.err) == 1
     assert found.mean_err == pytest.approx(fitted.mean_err, rel=0.05)
     # Nothing is fitted anew where nothing is held out.
-    assert _learned(both, 2, given) is both.at
+    assert _learned(both, 2) is both.at
 
 
 def test_nothing_is_fitted_to_the_simulation_s_own_error():
@@ -44,15 +44,15 @@ def test_nothing_is_fitted_to_the_simulation_s_own_error():
         drafts = dict(enumerate(begun.recordings))
         return SimpleNamespace(explanation=SimpleNamespace(at=at), drafts=drafts)
 
-    sharper = pipeline._sharper(fine.at, learned(near, rough), rough, given)
+    sharper = pipeline._sharper(fine.at, learned(near, rough), rough)
     assert sharper is not None
     assert sharper.recordings[0].spans >= fine.recordings[0].spans
-    assert pipeline._sharper(fine.at, learned(near, sharper), sharper, given) is None
+    assert pipeline._sharper(fine.at, learned(near, sharper), sharper) is None
     # Drafts that differ from it are no finer than it has to be.
-    again = pipeline._sharper(fine.at, learned(near, rough), sharper, given)
+    again = pipeline._sharper(fine.at, learned(near, rough), sharper)
     assert again is not None and again.recordings is sharper.recordings
     # The plain model's error is far larger than the simulation's own.
-    assert pipeline._sharper(fine.at, learned(fine.at, rough), rough, given) is None
+    assert pipeline._sharper(fine.at, learned(fine.at, rough), rough) is None
 
 
 def test_a_plain_model_in_a_wrong_minimum_begins_anew():
@@ -63,6 +63,6 @@ def test_a_plain_model_in_a_wrong_minimum_begins_anew():
     theta[0] += np.log(3.0)
     wrong = evaluate(model.at(theta), right.recordings)
     learned = SimpleNamespace(explanation=SimpleNamespace(at=right.at))
-    better = pipeline._better_plain_model(wrong, learned, right, given)
+    better = pipeline._better_plain_model(wrong, learned, right)
     assert better is not None and better.theta() == pytest.approx(model.theta())
-    assert pipeline._better_plain_model(right.at, learned, right, given) is None
+    assert pipeline._better_plain_model(right.at, learned, right) is None

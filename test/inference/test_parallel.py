@@ -118,9 +118,8 @@ def test_a_cluster_finds_the_same_though_a_worker_is_lost(tmp_path, recordings, 
             if len(done) == 2:
                 processes[1].kill()
 
-        start = searchable(GUESS)
-        here = bootstrap(recordings, start, found.fitted, count=6)
-        there = bootstrap(recordings, start, found.fitted, count=6, pool=pool, done=lose_one)
+        here = bootstrap(recordings, found.fitted, count=6)
+        there = bootstrap(recordings, found.fitted, count=6, pool=pool, done=lose_one)
         np.testing.assert_allclose(there, here, rtol=1e-6)
         assert sorted(done) == list(range(6))
         pool.close()
@@ -152,10 +151,9 @@ def test_the_sampled_posterior_is_that_of_the_curvature(recordings, found):
 
 @pytest.mark.slow
 def test_a_bootstrap_scatters_as_the_estimate_says_and_goes_on(recordings, found):
-    start = searchable(GUESS)
     first = {}
     all_at_once = bootstrap(
-        recordings, start, found.fitted, count=8, done=lambda k, t: first.update({k: t})
+        recordings, found.fitted, count=8, done=lambda k, t: first.update({k: t})
     )
     assert all_at_once.shape == (8, 4)
     ratio = all_at_once[:, 0] - all_at_once[:, 1]
@@ -164,9 +162,9 @@ def test_a_bootstrap_scatters_as_the_estimate_says_and_goes_on(recordings, found
     again = []
     kept = {k: first[k] for k in range(6)}
     resumed = bootstrap(
-        recordings, start, found.fitted, count=8, before=kept, done=lambda k, t: again.append(k)
+        recordings, found.fitted, count=8, before=kept, done=lambda k, t: again.append(k)
     )
     assert again == [6, 7]
     np.testing.assert_allclose(resumed, all_at_once)
     with pytest.raises(InputError, match="at least two"):
-        bootstrap(recordings[:1], start, found.fitted, count=2)
+        bootstrap(recordings[:1], found.fitted, count=2)

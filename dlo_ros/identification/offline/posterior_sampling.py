@@ -134,7 +134,6 @@ def _gradients(
 
 def bootstrap(
     train: Sequence[Manipulation],
-    settings: Settings,
     found: FittedMaterial,
     *,
     count: int = 50,
@@ -146,7 +145,7 @@ def bootstrap(
     """Fit recordings drawn with replacement, again and again.
 
     Args:
-        train, settings: recordings and settings as they were given to the fit; settings searchable.
+        train: recordings as they were given to the fit.
         found: the fit, from which each starts.
         count: number of draws.
         seed: seed of the draws; the same seed draws the same recordings.
