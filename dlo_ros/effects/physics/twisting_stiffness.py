@@ -25,7 +25,7 @@ class TwistingStiffness(Effect):
     in_setup: ClassVar[bool] = True
 
     ratio: float = quantity(
-        1.0, "", 0.01, 100.0, "twisting stiffness over that of a round section", role="ratio",
+        1.0, "", 0.01, 100.0, "over that of a round section of the same material", role="ratio",
         tolerance=0.7, spatial=True, sides=(("larger", "smaller"),),
     )  # fmt: skip
 
