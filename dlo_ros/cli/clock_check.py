@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from dlo_ros.effects.measurement.command_delay import CommandDelay
-from dlo_ros.inference.apparent_delay import LEAST, ApparentDelay, apparent_delay
+from dlo_ros.inference.apparent_delay import ApparentDelay, apparent_delay
 from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.thresholds import LEAST_DELAY
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.boundary.shape_orientation import turned_round
@@ -29,7 +30,7 @@ def tell_delay(manipulation: Manipulation, settings: Settings) -> bool:
         settings: parameter file; a delay that it states is none to be told of.
     """
     found = apparent_delay(manipulation, settings.rod.length)
-    if found is None or abs(found.seconds - settings.command_delay) < LEAST:
+    if found is None or abs(found.seconds - settings.command_delay) < LEAST_DELAY:
         return False
     LOG.warning("%s: %s", manipulation.name, _words(found))
     return True

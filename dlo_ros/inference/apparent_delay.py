@@ -16,17 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from dlo_ros.command import END, NANOSECONDS, START
 from dlo_ros.inference.forecast import Manipulation, motion_of
+from dlo_ros.inference.thresholds import LEAST_DELAY, TRACKER_ERROR, UNEXPLAINED_MOTION
 from dlo_ros.observation import Observation
 from dlo_ros.spline import FloatArray
 
-LEAST = 0.1
-"""Delay [s] from which it is told: five times the tolerance of `command_delay`."""
-MOVES = 0.01
-"""Root mean square motion of the ends over L, below which they tell nothing."""
-EXPLAINS = 0.9
-"""Least share of the ends' motion that the delayed command explains: less is another motion."""
-CLEARLY = 10.0
-"""Motion left unexplained without the delay over that left with it, at least."""
 LEVER = 0.25
 """Distance from the clamp, over L, at which its direction counts as a place."""
 SHAPES, DELAYS = 300, 1500
@@ -56,7 +49,7 @@ def apparent_delay(manipulation: Manipulation, length: float) -> ApparentDelay |
         length: length of the DLO [m].
 
     Returns:
-        The delay; None where the ends say nothing of it, or that it is below `LEAST`.
+        The delay; None where the ends say nothing of it, or that it is below `LEAST_DELAY`.
     """
     shapes = manipulation.observations[:: -(-len(manipulation.observations) // SHAPES)]
     commands = motion_of(manipulation).commands
@@ -68,7 +61,7 @@ def apparent_delay(manipulation: Manipulation, length: float) -> ApparentDelay |
     times = np.linspace(0.0, span, DELAYS)
     seen, path = _ends(shapes, manipulation, begin, times, length)
     total = float(np.sum((seen - seen.mean(axis=0)) ** 2))
-    if total < len(shapes) * (MOVES * length) ** 2:
+    if total < len(shapes) * (TRACKER_ERROR * length) ** 2:
         return None
 
     def left(delay: float) -> float:
@@ -80,7 +73,7 @@ def apparent_delay(manipulation: Manipulation, length: float) -> ApparentDelay |
     found = min(delays, key=left)
     found = float(min(found + np.linspace(-1.0, 1.0, 41) * (delays[1] - delays[0]), key=left))
     rest, now = left(found), left(0.0)
-    if abs(found) < LEAST or rest > (1.0 - EXPLAINS) * total or now < CLEARLY * rest:
+    if abs(found) < LEAST_DELAY or rest > UNEXPLAINED_MOTION * min(total, now):
         return None
     return ApparentDelay(found, 1.0 - rest / total, 1.0 - now / total)
 

@@ -10,18 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.inference.forecast import Manipulation, motion_of
+from dlo_ros.inference.thresholds import FARTHER_THAN_LED, STEADY, TRACKER_ERROR
 from dlo_ros.spline import FloatArray, SplineBasis
 
 PICTURES = 5
 """First pictures that tell of a motion: enough to tell it from noise and from a wrong picture."""
-FARTHER = 5.0
-"""Path of a point over the distance by which the command carries it at least."""
-MOVES = 0.02
-"""Path of a point over L in the first pictures, above which the DLO moves."""
-STEADY = 0.7
-"""Distance covered over the length of the path at least: noise goes to and fro."""
-SINGLE = 0.7
-"""Share of one step in the path at most: a wrong picture at the beginning is a single step."""
 POINTS = 33
 
 
@@ -49,9 +42,11 @@ def apparent_start(manipulation: Manipulation, length: float) -> str | None:
     farthest = int(np.argmax(lengths.sum(axis=0)))
     path = float(lengths[:, farthest].sum())
     covered = float(np.linalg.norm(r[-1, farthest] - r[0, farthest]))
-    if path < max(MOVES * length, FARTHER * _imposed(manipulation, length)):
+    # Both ends of a path may be wrong.
+    least = max(2.0 * TRACKER_ERROR * length, FARTHER_THAN_LED * _imposed(manipulation, length))
+    if path < least:
         return None
-    if covered < STEADY * path or float(lengths[:, farthest].max()) > SINGLE * path:
+    if covered < STEADY * path or float(lengths[:, farthest].max()) > STEADY * path:
         return None
     if np.any(np.diff(times) <= 0.0):
         return None

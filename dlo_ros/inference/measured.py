@@ -12,14 +12,11 @@ from scipy.ndimage import maximum_filter1d
 from dlo_ros.errors import InputError
 from dlo_ros.inference.forecast import Manipulation, unit_of, whitening
 from dlo_ros.inference.observation_operator import directions, noise_unit, operator_of
+from dlo_ros.inference.thresholds import FEWEST, MOST_GROSS, OUTLIER
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
-MOST_GROSS = 0.2
-"""Share of the pictures up to which they may be grossly wrong; more are no exception."""
-FEWEST_FOR_JUMPS = 7
-"""Pictures, from which one that jumps out of its neighbours can be seen."""
 SAME, SLOPE = np.sqrt(2.0 / 1.5), np.sqrt(6.0 / 1.5)
 """What noise does to the difference from the next picture, and from a slope through the next two,
 over what it does to the difference from the mean of two neighbours."""
@@ -210,7 +207,7 @@ def spline_space(observed: FloatArray, settings: Settings) -> FloatArray:
     return np.concatenate(parts, axis=1)
 
 
-def outliers(*fields: FloatArray, limit: float = 6.0) -> np.ndarray:
+def outliers(*fields: FloatArray) -> np.ndarray:
     """Pictures that jump out of their neighbours' in each of some fields, shape (F,).
 
     A model that is wrong is wrong in neighbouring pictures alike; a picture that was seen wrongly
@@ -218,15 +215,14 @@ def outliers(*fields: FloatArray, limit: float = 6.0) -> np.ndarray:
 
     Args:
         fields: fields such as residuals, shape (F, n, 3) each.
-        limit: limit of a jump, in typical jumps.
     """
     flat = [f.reshape(len(f), -1).copy() for f in fields]
     wrong = np.zeros(len(flat[0]), dtype=bool)
-    if len(wrong) < FEWEST_FOR_JUMPS:
+    if len(wrong) < FEWEST:
         return wrong
-    most = [_usual(_jumps(f)[0], limit) for f in flat]
+    most = [_usual(_jumps(f)[0]) for f in flat]
     first, last = 0, len(wrong)
-    while last - first >= FEWEST_FOR_JUMPS and wrong.sum() <= MOST_GROSS * len(wrong):
+    while last - first >= FEWEST and wrong.sum() <= MOST_GROSS * len(wrong):
         found = [_jumps(f[first:last]) for f in flat]
         # Beside a picture that jumps its neighbours seem to jump as well: it goes first.
         out = [
@@ -244,11 +240,11 @@ def outliers(*fields: FloatArray, limit: float = 6.0) -> np.ndarray:
     return wrong
 
 
-def _usual(jump: FloatArray, limit: float) -> float:
+def _usual(jump: FloatArray) -> float:
     """The largest jump that is no exception."""
     middle = float(np.median(jump))
     typical = 1.4826 * float(np.median(np.abs(jump - middle)))
-    return middle + limit * max(typical, 0.1 * middle)
+    return middle + OUTLIER * max(typical, 0.1 * middle)
 
 
 def _jumps(flat: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -31,6 +31,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from dlo_ros.inference.thresholds import LARGEST_GAP
 from dlo_ros.observation import Observation
 from dlo_ros.spline import DEGREE, ORDER, FloatArray, SplineBasis
 from dlo_ros.spline_table import BasisTable
@@ -44,8 +45,6 @@ LEAST_SHARE = 0.5
 """Smallest std of a point over the typical one of its picture: scatter is an estimate itself."""
 NEGLECTED = 1e-9
 """Eigenvalue of the information matrix over the largest, below which nothing was seen."""
-LARGEST_GAP = 0.1
-"""Distance over L between points and their spline, beyond which they are not of one shape."""
 FACING = 1e-3
 """Length of a unit tangent's part in the board's plane, below which the DLO faces the camera."""
 FINER_SPANS = 32

@@ -12,6 +12,7 @@ from typing import Any
 
 from dlo_ros.effects import Quantity, Scene, Start, effects, quantities
 from dlo_ros.inference.parameter import Parameter, ParametricModel, split_name
+from dlo_ros.inference.thresholds import BELIEVED
 from dlo_ros.parameters import Settings, tolerance
 from dlo_ros.rod.sensitivity_parameters import effect_names
 
@@ -21,8 +22,6 @@ WIDE = 1.5
 """The same of a logarithm without a tolerance: a factor of 4.5."""
 UNIFORM = 12.0**-0.5
 """Standard deviation of a uniform prior, over its range."""
-BELIEVED = 4.0
-"""Standard deviations of a value measured beforehand, up to which it may be wrong."""
 DIAMETER_STD = 0.02
 """Standard deviation over the diameter of a set-up as people build it, where `rod.diameter_std`
 states none; shapes tell E D^2 / mu."""

@@ -10,16 +10,13 @@ import numpy as np
 from dlo_ros.command import CONTROL_POINT, END, START
 from dlo_ros.effects import Scene
 from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.thresholds import TRACKER_ERROR
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
 
 DAMPING = MATERIAL[2:]
 """The parameters of `Settings.damping`."""
-
-OUT_OF_PLANE = 0.01
-"""Root mean square of y, over L, from which a DLO leaves the board's plane: a tracker's noise does
-not make that much."""
 
 
 def imposed_names(recordings: Iterable[Manipulation]) -> list[str]:
@@ -72,7 +69,7 @@ def scene(settings: Settings, names: Sequence[str], predicted: Sequence[FloatArr
         held=_imposed(names, n, (0, 1)),
         curvature=float(np.percentile(np.concatenate(largest), 90.0)),
         reach=(reached[:, 0].min(), reached[:, 0].max(), reached[:, 2].min()),
-        spatial=bool(reached[:, 1].std() > OUT_OF_PLANE * length),
+        spatial=bool(reached[:, 1].std() > TRACKER_ERROR * length),
         known=tuple(n for n in DAMPING if getattr(settings.damping, f"{n}_std") > 0.0),
         in_hands=settings.command.source != "topic",
     )

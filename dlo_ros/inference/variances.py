@@ -22,6 +22,7 @@ from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.optimize import minimize
 
 from dlo_ros.inference.spectrum import Spectrum, joined
+from dlo_ros.inference.thresholds import FEWEST_FRAMES
 from dlo_ros.spline import FloatArray
 
 LEAST_NOISE = 2e-6
@@ -38,8 +39,6 @@ REPEATED_STD = 0.003
 """Prior standard deviation over L of the errors that stay or die out: careful calibrations err
 less, and what a model lacks is rather explained than put up with (Simpson et al., Penalising model
 component complexity, 2017)."""
-FEWEST_FRAMES = 4
-"""Frames below which an error that dies out cannot be separated from one that stays."""
 LONGEST_MEMORY = 0.998
 """Largest correlation of neighbouring frames in what the model lacks."""
 NOISE_MEMORY = 0.9

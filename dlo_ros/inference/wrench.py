@@ -19,8 +19,9 @@ from scipy.fft import dct
 from scipy.optimize import minimize
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
+from dlo_ros.inference.thresholds import FEWEST_FRAMES
 from dlo_ros.inference.variances import LONGEST_MEMORY, ar1_spectral_density
-from dlo_ros.inference.wrench_messages import near, scatter, shaken
+from dlo_ros.inference.wrench_messages import LACKING, near, scatter, shaken
 from dlo_ros.observation import Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
@@ -30,8 +31,6 @@ LEVER = 0.1
 stated, and a tool's centre of mass lies."""
 LEAST_NOISE = 1e-6
 """Smallest standard deviation over the weight; below is rounding."""
-LACKING = 0.05
-"""Prior standard deviation over the weight of what the model lacks: it is rather explained."""
 UNBIASED = 1e3
 """Factor of the offset's prior with which the mean tells nothing."""
 UNUSED = 1e12
@@ -302,7 +301,7 @@ class _Transformed:
         prior[: len(offset), : len(offset)] = precision
         prior[len(offset) :, len(offset) :] = np.eye(q)
         mean = np.concatenate([offset, np.zeros(q)])
-        few = len(self.r) < 4
+        few = len(self.r) < FEWEST_FRAMES
 
         flat = columns.reshape(-1, len(prior))
         r = self.r.ravel()

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_ros.command import NANOSECONDS
+from dlo_ros.inference.thresholds import FEWEST, OUTLIER
 from dlo_ros.observation import Wrenches
 from dlo_ros.spline import FloatArray
 
@@ -17,14 +18,9 @@ LONGEST_WINDOW = 0.05
 is then followed to 0.1 %."""
 QUADRATIC = 5
 """Messages in a window from which its values follow a parabola; from three on, a line."""
-FEWEST = 8
-"""Messages from which their scatter is known."""
-SHAKEN = 6.0
-"""Scatter of messages over the usual one, from which a DLO is shaken: where a motion begins or
-ends abruptly it rings along itself, faster than a picture or a sensor follows."""
-SMOOTH = 0.01
-"""Scatter over the largest force, up to which a DLO is not shaken: without noise a sensor shows all
-motions."""
+LACKING = 0.05
+"""Prior standard deviation of what the model lacks, over the weight or the largest force: it is
+rather explained."""
 
 
 def near(
@@ -78,6 +74,10 @@ def scatter(measured: Wrenches) -> FloatArray:
 def shaken(measured: Wrenches, stamps: Sequence[int]) -> NDArray[np.bool_]:
     """Which shapes have forces about them that jump as no motion between pictures does, (F,).
 
+    Where a motion begins or ends abruptly a DLO rings along itself, faster than a picture or a
+    sensor follows. Jumps below what the model lacks anyway do not count: without noise a sensor
+    shows all motions.
+
     Args:
         stamps: stamps of the shapes [ns], F of them.
     """
@@ -86,8 +86,8 @@ def shaken(measured: Wrenches, stamps: Sequence[int]) -> NDArray[np.bool_]:
         return np.zeros(len(at), dtype=bool)
     jump = np.linalg.norm(np.diff(measured.force, 3, axis=0), axis=1) / np.sqrt(20.0)
     usual = float(np.linalg.norm(scatter(measured)[:3]))
-    least = SMOOTH * float(np.abs(measured.force).max())
-    inside = np.flatnonzero(jump > SHAKEN * max(usual, least / SHAKEN))
+    lacking = LACKING * float(np.abs(measured.force).max())
+    inside = np.flatnonzero(jump > max(OUTLIER * usual, lacking))
     result = np.zeros(len(at), dtype=bool)
     half = round(0.5 * LONGEST_WINDOW * NANOSECONDS)
     for k in inside:  # four messages make a jump

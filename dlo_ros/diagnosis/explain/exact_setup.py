@@ -23,7 +23,8 @@ from dlo_ros.inference.joint import Evaluation, evaluate
 from dlo_ros.inference.joint_fit import settled
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.variances import FEWEST_FRAMES, posterior
+from dlo_ros.inference.thresholds import FEWEST_FRAMES
+from dlo_ros.inference.variances import posterior
 
 LOG = logging.getLogger(__name__)
 

@@ -44,7 +44,7 @@ from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.inference.priors import believed, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
-from dlo_ros.inference.variances import FEWEST_FRAMES
+from dlo_ros.inference.thresholds import FEWEST_FRAMES
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 

@@ -13,7 +13,8 @@ from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.measured import Recording, spline_space
 from dlo_ros.inference.scene import free_ends
 from dlo_ros.inference.spectrum import Spectrum
-from dlo_ros.inference.variances import FEWEST_FRAMES, REPEATED_STD, Variances
+from dlo_ros.inference.thresholds import FEWEST_FRAMES
+from dlo_ros.inference.variances import REPEATED_STD, Variances
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 

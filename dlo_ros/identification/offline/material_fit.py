@@ -22,7 +22,8 @@ from dlo_ros.inference.forecast import Forecast, Manipulation
 from dlo_ros.inference.joint import evaluate as joint_evaluate
 from dlo_ros.inference.joint_fit import expected_gain, fit
 from dlo_ros.inference.losses import WhiteLoss
-from dlo_ros.inference.measured import MOST_GROSS, Recording, measured, outliers
+from dlo_ros.inference.measured import Recording, measured, outliers
+from dlo_ros.inference.thresholds import MOST_GROSS
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
 
