@@ -29,14 +29,12 @@ from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.joint import Evaluation, simulate
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.thresholds import CLEARLY_LESS
 from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)
 
 Progress = Callable[[str, float], None]
-
-MISSED = 0.8
-"""ERR over the plain model's, below which another plain model takes its place."""
 
 
 def diagnose(
@@ -169,7 +167,7 @@ def _better_plain_model(
         at = simulate(model, recordings, ())
     except SimulationError:
         return None
-    return model if at.mean_err < MISSED * plain.mean_err else None
+    return model if at.mean_err < CLEARLY_LESS * plain.mean_err else None
 
 
 def _sharper(plain: Evaluation, found: Learned, beginning: Beginning) -> Beginning | None:

@@ -23,7 +23,7 @@ def beginning():
 
 
 def test_a_coarse_trial_agrees_where_it_begins(beginning, monkeypatch):
-    monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.DRAFT_ERROR", 50.0)
+    monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.IMMATERIAL", 50.0)
     at = beginning.at
     tried = drafts(beginning.recordings, at)
     coarse = whitened(simulate(at.model, tried, ()), tried)
@@ -36,7 +36,7 @@ def test_a_coarse_trial_agrees_where_it_begins(beginning, monkeypatch):
 
 
 def test_a_recording_of_unknown_fineness_has_drafts(beginning, monkeypatch):
-    monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.DRAFT_ERROR", 50.0)
+    monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.IMMATERIAL", 50.0)
     open_ = [replace(r, spans=None) for r in beginning.recordings]
     for draft in drafts(open_, beginning.at):
         assert draft.spans == 14

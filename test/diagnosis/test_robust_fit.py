@@ -11,7 +11,6 @@ from rods import KNOWN, PAPER
 from dlo_ros.diagnosis.fitting.initial_fit import whitened
 from dlo_ros.diagnosis.fitting.recording_noise import with_noise
 from dlo_ros.diagnosis.fitting.robust_fit import (
-    ROBUST_SCALE,
     consensus_fit,
     outlier_frames,
     robust_loss,
@@ -21,6 +20,7 @@ from dlo_ros.inference.joint import evaluate, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import WHITE
 from dlo_ros.inference.measured import measured
+from dlo_ros.inference.thresholds import CERTAIN
 
 
 def pushed_aside(first, far=0.03):
@@ -68,7 +68,7 @@ def test_what_was_right_before_tells_of_what_was_wrong_nearly_always():
     found = consensus_fit(recordings, together)
     assert found is not None
     at, scale = found
-    assert scale >= ROBUST_SCALE
+    assert scale >= CERTAIN
     assert abs(modulus(together) - 1.0) > 0.02
     assert modulus(at) == pytest.approx(1.0, abs=0.01)
     strict = robust_loss(recordings, scale, redescending=True)
@@ -84,4 +84,4 @@ def test_where_all_is_wrong_what_is_typical_is_more(hit):
     bent = tuple(replace(r, observed=r.observed + np.array([0.0, 0.0, 0.02])) for r in recordings)
     found = consensus_fit(bent, evaluate(start.model, bent))
     assert found is not None
-    assert found[1] > 2.0 * ROBUST_SCALE
+    assert found[1] > 2.0 * CERTAIN

@@ -29,28 +29,27 @@ from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parallel import Threads
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import cause_priors
+from dlo_ros.inference.thresholds import (
+    CERTAIN,
+    CLEARLY_LESS,
+    MUCH_LARGER,
+    SMALL_SHARE,
+    TRACKER_ERROR,
+    UNEXPLAINED_PICTURES,
+)
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 EFFECTS = {Obstacle.name, StraightWall.name}
 RADII = (0.012, 0.006, 0.024)
 """Radii of the pegs that are tried, from a nail to a pipe [m]; the fit finds the true one."""
-OFF_BOARD = 0.02
-"""Distance from the board over the length, beyond which a motion counts as spatial."""
-LEFT = 0.3
-"""Maximum share of the outlier frames that a peg may leave unexplained."""
-AS_LIKELY = 0.05
-"""Share of the outlier frames by which a place may explain fewer than the best place."""
 SIMULATED, APART = 20, 0.02
 """Number of places that are simulated, and their smallest distance over the length."""
 NEAREST, NEAR, NEARER = 3, 0.05, 0.006
 """Number of best places near which others are simulated, their largest distance from these, and
 their smallest distance from each other, over the length."""
-HELPS = 0.8
-"""Largest loss with the best contact over that without one, of the disturbed recordings."""
-FITTED, HOPELESS = 3, 10.0
-"""Number of pegs, and of walls, that are fitted, and loss over the best one's up to which one is
-fitted."""
+FITTED = 3
+"""Number of pegs, and of walls, that are fitted."""
 STEP, LARGER, TURN = 0.01, 0.3, 0.1
 """First steps of the simplex search: over the length, of the logarithm of a peg's radius, and of a
 wall's direction [rad]."""
@@ -61,8 +60,6 @@ EVALUATIONS, ALIKE = 40, 0.01
 ITERATIONS = 6
 BEGUN = 2
 """Pegs, and walls, that are kept."""
-WORSE = 4.0
-"""Sum of squared residuals over the best one's, up to which another contact is kept."""
 
 Hit = Peg | TouchedWall
 
@@ -176,7 +173,7 @@ def contacts_beside_set_up(
 
 def _in_space(drafts: Sequence[Recording], given: Settings) -> bool:
     """Whether the DLO leaves the board on which pegs stand."""
-    most = OFF_BOARD * given.rod.length
+    most = TRACKER_ERROR * given.rod.length
     return any(np.abs(d.observed[..., 1]).max() > most for d in drafts)
 
 
@@ -198,15 +195,16 @@ def _contacts(
     disturbed = [k for k, w in enumerate(wrong) if w.any()]
     hit = _Disturbed(settings, tuple(drafts[k] for k in disturbed), scale, given)
     there = consensus.of(disturbed)
-    most = HELPS * robust_fit.robust_loss(hit.recordings, scale).of_pictures(there)
+    most = CLEARLY_LESS * robust_fit.robust_loss(hit.recordings, scale).of_pictures(there)
     kinds = (_best_pegs(hit, view), _best_walls(hit, view))
-    most = min(most, HOPELESS * min((loss for kind in kinds for loss, _ in kind), default=0.0))
+    best = min((loss for kind in kinds for loss, _ in kind), default=0.0)
+    most = min(most, CERTAIN**2 * best)
     fits: list[tuple[float, Start]] = []
     for kind in kinds:
         found = Threads().map(hit.fitted, [h for loss, h in kind if loss <= most])
         fits += sorted((f for f in found if f is not None), key=lambda f: f[0])[:BEGUN]
     least = min((squares for squares, _ in fits), default=0.0)
-    kept = [f for f in fits if f[0] < WORSE * least]
+    kept = [f for f in fits if f[0] < MUCH_LARGER**2 * least]
     return [start for _, start in sorted(kept, key=lambda f: f[0])]
 
 
@@ -254,6 +252,6 @@ def _likely(view: Sight) -> list[Peg]:
     """The pegs that explain most of the outlier frames, if they explain enough of them."""
     found = [p for radius in RADII for p in places(view, radius)]
     found.sort(key=lambda p: (p.left, -p.touched))
-    if not found or found[0].left > LEFT * view.count:
+    if not found or found[0].left > UNEXPLAINED_PICTURES * view.count:
         return []
-    return [p.peg for p in found if p.left <= found[0].left + AS_LIKELY * view.count]
+    return [p.peg for p in found if p.left <= found[0].left + SMALL_SHARE * view.count]

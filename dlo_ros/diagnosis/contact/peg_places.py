@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlo_ros.effects import Peg
+from dlo_ros.inference.thresholds import SLACK
 from dlo_ros.parameters import RodParameters
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -16,11 +17,9 @@ TRIED = 150
 """Places in a recording."""
 STATIONS = 60
 BENT = 0.5
-"""Deviation of a station over the largest of its picture, from which it may have been pushed."""
-SLACK = 1.5e-3
-"""How far an observed shape may seem to reach into a peg [m]: noise, and the spline's own error."""
+"""Deviation of a station over the largest of its picture, beside which places are tried."""
 AFTER = 3
-"""Pictures after a hit that must be off."""
+"""Pictures after a hit that are looked at."""
 
 
 @dataclass(frozen=True)

@@ -20,18 +20,15 @@ from dlo_ros.inference import joint, joint_fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import joint_model
+from dlo_ros.inference.thresholds import CERTAIN, FEWEST
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 LEADS = (0.0, 0.25)
 """Shares of each recording, from its beginning, that count as undisturbed at first: a DLO that is
 wrong from the first picture on may lie on a peg, or be gripped as in no other recording."""
-FEWEST = 8
-"""Smallest number of pictures of a beginning that is fitted."""
 RIGHT = 0.9
 """Share of the fitted pictures that are certainly undisturbed."""
-STANDS_OUT = 3.0
-"""Smallest ratio of the worst picture's deviation to the undisturbed ones' that means a contact."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +103,7 @@ def _fitted(
         return None
     most = float(np.quantile(_squares(right, parts), RIGHT))
     worst = float(_squares(consensus, drafts).max())
-    if worst < STANDS_OUT**2 * most:
+    if worst < CERTAIN**2 * most:
         return None
     return Undisturbed(model, consensus, float((most * worst) ** 0.25))
 

@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dlo_ros.diagnosis.contact.peg_places import SLACK, Sight
+from dlo_ros.diagnosis.contact.peg_places import Sight
 from dlo_ros.effects import Start
 from dlo_ros.effects.physics.wall import StraightWall
+from dlo_ros.inference.thresholds import SLACK
 from dlo_ros.spline import FloatArray
 
 DIRECTIONS = 24
@@ -27,7 +28,7 @@ after an impact depends on millimetres."""
 TURNS = tuple(np.radians(2.0 * k) for k in range(-6, 7))
 """Angles between a wall and those beside it [rad]."""
 BEHIND = 0.01
-"""Share of the pictures that may lie behind a wall: single ones are grossly wrong."""
+"""Quantile of the pictures at which the observed shapes end: single ones are grossly wrong."""
 
 
 class TouchedWall(NamedTuple):

@@ -19,6 +19,7 @@ from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import WHITE_CONVERGED, WhiteLoss
 from dlo_ros.inference.measured import Recording, measured, without_gross
 from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.thresholds import IMMATERIAL, MUCH_LARGER
 from dlo_ros.inference.time_steps import longest_time_steps
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
@@ -29,9 +30,8 @@ FACTORS = (1.0, 0.3, 3.0, 0.1, 10.0, 0.03, 30.0)
 """Multiples of E from which the fit may start: far away a shape may lie on another branch."""
 VALLEYS = 3
 VALLEY_ITERATIONS = 6
-"""Largest number of these starts that are fitted, until a residual is small; their iterations."""
-CLEARLY_WRONG = 2.0
-"""Root mean square of the residual over the noise, from which another start may be nearer."""
+"""Largest number of these starts that are fitted, until a residual is not much larger than the
+noise; their iterations."""
 ITERATIONS, TO_THE_END = 10, 1e-4
 """Iterations at the end, and the gain over the misfit at which they end: what the plain model
 misses is told to a few digits."""
@@ -40,8 +40,6 @@ FINENESS = 0.1
 OWN_SHARE = 0.0015
 """Largest error of the simulation itself, over the model's residual, where that is more than the
 noise allows: nothing finer is judged."""
-OWN_MATTERS = 0.3
-"""Error of the simulation itself over the model's residual, from which it matters."""
 IN_TIME = 0.3
 """Share of that error that time steps may have: they damp, in all pictures alike."""
 SPACE_ROUNDS = 5
@@ -50,8 +48,6 @@ WORTH = 0.7
 DRAFT_SPANS = 2
 """Knot spans of a draft's simulation over those of the observed spline."""
 DRAFT_TOLERANCE = 1e-3
-DRAFT_ERROR = 0.3
-"""Largest error of a draft against the fine simulation, in units of the noise."""
 DRAFT_FRAMES = 800
 LEAST_FRAMES = 100
 """Frames that a draft goes through: most of all recordings together, least of one."""
@@ -156,7 +152,7 @@ def finer(
         recordings, error, fine = beginning.recordings, beginning.error, here
     left = whitened(here, recordings)
     sharp = whitened(fine, recordings)
-    most = OWN_MATTERS * _rms(sharp)
+    most = IMMATERIAL * _rms(sharp)
     if _rms([a - b for a, b in zip(left, sharp, strict=True)]) >= most:
         at = fitted(beginning.at.model, recordings)
         return Beginning(recordings, at, error, beginning.left_out, fine)
@@ -199,7 +195,7 @@ def _best_start(recordings: tuple[Recording, ...], model: ParametricModel) -> Si
             continue
         if found.mean_err < best.mean_err:
             best = found
-        if _rms(whitened(found, known)) < CLEARLY_WRONG:
+        if _rms(whitened(found, known)) < MUCH_LARGER:
             break
     return best
 
@@ -319,7 +315,7 @@ def drafts(recordings: Sequence[Recording], at: Simulated) -> tuple[Recording, .
     result = []
     for recording, r, fine in zip(recordings, whitened(at, recordings), at.predicted, strict=True):
         coarse = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
-        most = max(DRAFT_ERROR, DRAFT_SHARE * float(np.sqrt(np.mean(r**2))))
+        most = max(IMMATERIAL, DRAFT_SHARE * float(np.sqrt(np.mean(r**2))))
         tolerance = max(DRAFT_TOLERANCE, recording.tolerance or 0.0)
         finest = recording.spans or coarse * 2**SPACE_ROUNDS
         coarser = [coarse * 2**k for k in range(SPACE_ROUNDS) if coarse * 2**k < finest]

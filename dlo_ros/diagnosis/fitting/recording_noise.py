@@ -11,17 +11,15 @@ from scipy.special import comb
 
 from dlo_ros.identification.residual_noise import point_noise
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.thresholds import SCATTERING
+from dlo_ros.inference.variances import LEAST_NOISE
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 ORDERS = (2, 4, 6)
 """Orders of differences in time, which a smooth residual enters less and less."""
-LEAST_NOISE = 2e-6
-"""Smallest noise over the length: below, rounding and time steps would count as noise."""
 MEDIAN = 0.4549
 """Median of the square of a normal variable, over its mean."""
-SCATTERING = 0.45
-"""Share of the stated variance of points that must be new in every picture, to be all of it."""
 ALIKE_PARTS = 4
 """Number of parts of the DLO in each of which lasting errors of a camera are alike."""
 TIP = 0.05
@@ -115,7 +113,6 @@ def with_bias(
         ends = [np.sqrt(np.mean(p.std_along**2)) for p in points if p.std_along is not None]
         tip = TIP * settings.rod.diameter
         along.append(max(tip, float(np.median(ends))) if ends else tip)
-    # In motion a strand crosses pixels, and part of it scatters.
     if min(shares) > SCATTERING:
         return tuple(recordings)
     biased = []

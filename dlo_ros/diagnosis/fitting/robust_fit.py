@@ -18,11 +18,8 @@ from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import WHITE, RobustLoss
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parallel import Threads
+from dlo_ros.inference.thresholds import CERTAIN, UNDISTURBED
 
-ROBUST_SCALE = 3.0
-"""Scale of the robust loss in units of the noise: pictures beyond it count ever less."""
-UNDISTURBED = 0.1
-"""Share of the pictures that must be right, for the others to count as disturbed."""
 QUIET, LOUDER = 0.3, 1.5
 """Where fewer are right: share of the pictures that are taken for undisturbed, and the scale of the
 loss over their deviation."""
@@ -34,9 +31,13 @@ PART_ITERATIONS = 6
 
 
 def robust_loss(
-    recordings: Sequence[Recording], scale: float = ROBUST_SCALE, *, redescending: bool = False
+    recordings: Sequence[Recording], scale: float = CERTAIN, *, redescending: bool = False
 ) -> RobustLoss:
-    """The robust loss of recordings, see `RobustLoss`."""
+    """The robust loss of recordings, see `RobustLoss`; pictures beyond its scale count ever less.
+
+    Args:
+        scale: in units of the noise.
+    """
     return RobustLoss([r.noise for r in recordings], scale, redescending)
 
 
@@ -50,7 +51,7 @@ def consensus_fit(drafts: Sequence[Recording], at: Evaluation) -> tuple[Evaluati
     Returns:
         The fit to the drafts, and `scale` as in `robust_loss`; None where none can be simulated.
     """
-    scale, best = ROBUST_SCALE, at
+    scale, best = CERTAIN, at
     for _ in range(2):
         fits = Threads().map(partial(_robust_from, at, drafts, scale), FIRST_PARTS)
         found = [f for f in fits if f is not None]
@@ -61,7 +62,7 @@ def consensus_fit(drafts: Sequence[Recording], at: Evaluation) -> tuple[Evaluati
         if np.mean(each < scale**2) > UNDISTURBED:
             break
         # Something else is wrong all the time.
-        scale = max(ROBUST_SCALE, LOUDER * float(np.sqrt(np.quantile(each, QUIET))))
+        scale = max(CERTAIN, LOUDER * float(np.sqrt(np.quantile(each, QUIET))))
     return best, scale
 
 

@@ -21,16 +21,16 @@ from dlo_ros.identification.cooperative_tasks import Pieces, Worker
 from dlo_ros.identification.identifiability import rounded
 from dlo_ros.identification.residual_information import discrepancy
 from dlo_ros.inference.forecast import Forecast, Manipulation
+from dlo_ros.inference.thresholds import OWN
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
 WINDOW = 90  # pictures that are looked at together
-FEWEST = 30
+FIRST = 30
 EVERY = 15  # pictures between two looks
 LOOKS = 2  # one after the other that must find something, before the window is full
-LIMIT = 0.9  # of the noise of one picture, as `diagnose` has it: ERR is then a third too large
 RIDGE = 1e-9  # of a column's own size, so that columns that say the same do no harm
 
 
@@ -50,8 +50,9 @@ class CorrelatedResidual:
 
     @property
     def correlated(self) -> bool:
-        """Whether the residuals are more than noise."""
-        return self.common > LIMIT * math.hypot(self.noise, self.own)
+        """Whether they are so much more than noise that `diagnose` would look for causes."""
+        noise = math.hypot(self.noise, self.own)
+        return math.hypot(self.common, noise) > OWN * noise
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ class ResidualMonitor:
 
     def due(self, count: int) -> bool:
         """Whether it is time for a look, now that there are so many pictures."""
-        return count >= FEWEST and not self._looked <= count < self._looked + EVERY
+        return count >= FIRST and not self._looked <= count < self._looked + EVERY
 
     def look(self, found: Forecast, settings: Settings, past: Manipulation | None) -> None:
         """Look at the residuals of a model that has converged; quick.

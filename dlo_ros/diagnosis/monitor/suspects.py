@@ -48,6 +48,7 @@ from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import joint_model, material_priors
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.spectrum import spectrum
+from dlo_ros.inference.thresholds import CLEARLY_LESS
 from dlo_ros.inference.variances import fit_variances
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
@@ -62,11 +63,6 @@ SHOWN = 3
 """Suspects that are reported."""
 WEIGHED = 12
 """Models that are weighed by their evidence, those that leave least."""
-CLEARER = 0.9
-"""Share of what the set-up leaves, below which a suspect comes: the model is linear only, and by
-its own error alone effects come within a twentieth of it."""
-ASTRAY = 0.2
-"""Share of the largest error of a picture, from which one may come after a hit."""
 
 
 @dataclass(frozen=True)
@@ -155,11 +151,11 @@ def suspects(past: Manipulation, settings: Settings, spans: int, noise: float) -
     yield LONG
     shares = _far_off(fitted)
     if plain.err > material_err(0.0, settings):
-        found = yield from _added(at, recording, view, (plain, joint))
+        found = yield from _added(at, recording, view, noise, (plain, joint))
         known = max(plain.evidence(settings), joint.evidence(settings))
         for other in sorted(found, key=lambda h: h.err)[:WEIGHED]:
             yield LONG
-            if other.err < CLEARER * joint.err and other.evidence(settings) > known + NAMED:
+            if other.err < CLEARLY_LESS * joint.err and other.evidence(settings) > known + NAMED:
                 share = 1.0 - other.err / plain.err
                 shares[other.effect] = max(shares.get(other.effect, 0.0), share)
     ranked = sorted(shares.items(), key=lambda item: -item[1])[:SHOWN]
@@ -190,17 +186,17 @@ def _far_off(at: Evaluation) -> dict[str, float]:
     for group in beyond(at):
         held = at.model.with_prior([p.held() for p in group.parameters])
         _, without = least(at.fields, held.offset(), held.precision())
-        if certain(at, group) and at.mean_err < CLEARER * without:
+        if certain(at, group) and at.mean_err < CLEARLY_LESS * without:
             shares[group.effect] = 1.0 - at.mean_err / without
     return shares
 
 
 def _added(
-    at: Evaluation, recording: Recording, view: Scene, bare: Sequence[Hypothesis]
+    at: Evaluation, recording: Recording, view: Scene, noise: float, bare: Sequence[Hypothesis]
 ) -> Pieces[list[Hypothesis]]:
     """Every effect beside what there may be without it."""
     result: list[Hypothesis] = []
-    for together in simulated_together(_proposals(at, recording, view)):
+    for together in simulated_together(_proposals(at, recording, view, noise)):
         model, names = with_proposals(at.model, together)
         try:
             extra = columns(at, together, (yield from simulated(model, recording, names, AT_ONCE)))
@@ -221,12 +217,15 @@ def _added(
     return result
 
 
-def _proposals(at: Evaluation, recording: Recording, view: Scene) -> list[Proposal]:
-    """Effects at the places where they are sought, and pegs beside outlier frames."""
+def _proposals(at: Evaluation, recording: Recording, view: Scene, noise: float) -> list[Proposal]:
+    """Effects at the places where they are sought, and pegs beside outlier frames.
+
+    What separates these from undisturbed ones lies between the noise and the largest error, as in
+    `undisturbed`.
+    """
     size = np.linalg.norm(at.fields[0][0], axis=1)
-    seen = sight(
-        at.model.settings.rod, [recording.observed], at.predicted, [size > ASTRAY * size.max()]
-    )
+    wrong = size > np.sqrt(noise * size.max())
+    seen = sight(at.model.settings.rod, [recording.observed], at.predicted, [wrong])
     pegs = [proposal_of(at.model.settings, start) for start in plausible_pegs(seen)]
     result: list[Proposal] = []
     for p in (*added(at.model, starts(view)), *pegs):

@@ -16,6 +16,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 from dlo_ros.diagnosis.residuals.linear_beam import Beam
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.thresholds import FEWEST
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
@@ -27,8 +28,6 @@ TYPICAL = 200
 """Frames by which that is judged."""
 WINDOW = 7
 """Frames over which displacements are smoothed to have their acceleration."""
-FEWEST = 9
-"""Frames with which that is tried."""
 ROUNDING = 1e-9
 
 

@@ -11,13 +11,12 @@ import numpy as np
 from dlo_ros.command import CONTROL_POINT, END, NANOSECONDS, START, Motion
 from dlo_ros.inference.forecast import motion_of
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.thresholds import SMALL_SHARE
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 LEAST = 1e-3
 """Smallest variation that counts, in units of the length, of 1, of L/s or of 1/L."""
-MINOR = 0.05
-"""Principal components below this share of the first are left out."""
 LATER = (3, 4, 5)
 """Legendre polynomials of the time; a slower function is taken out of each recording anyway."""
 FADING = 2.0
@@ -152,7 +151,7 @@ def _principal(columns: Sequence[FloatArray], most: int) -> list[FloatArray]:
     """Principal components over all recordings, each about its own mean, shape (F, m)."""
     centred = [c - c.mean(axis=0) for c in columns]
     _, sizes, directions = np.linalg.svd(np.concatenate(centred), full_matrices=False)
-    count = max(int(np.sum(sizes[:most] > MINOR * sizes[0])), 1)
+    count = max(int(np.sum(sizes[:most] > SMALL_SHARE * sizes[0])), 1)
     return [c @ directions[:count].T for c in centred]
 
 

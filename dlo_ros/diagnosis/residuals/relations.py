@@ -21,30 +21,20 @@ from dlo_ros.diagnosis.residuals.recorded_inputs import Input, inputs
 from dlo_ros.diagnosis.residuals.surrogates import chances, without
 from dlo_ros.inference.forecast import whitening
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.thresholds import CHANCE, CLEARLY_LESS, FEWEST, SMALL_SHARE
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
-FEWEST = 12
-"""Frames of a recording from which relations can be learned."""
 SLOW = 2
 """Degree of the polynomial in time that is taken out of each recording."""
 PATTERNS = 6
 """Shapes along the DLO that are looked at."""
-LARGEST_CHANCE = 0.01
-"""Chance among Gaussian surrogates at which a relation is significant."""
-SHIFTED = 0.02
-"""Chance among shifted residuals at which a relation is significant: a single recording has no more
-shifts than frames."""
-LEAST_SHARE = 0.05
-"""Least share of the repeating, not drifting residual, for which a relation is significant."""
-ALIKE = 0.8
-"""Share over the best input's, from which another input cannot be separated from it."""
 MOST_INPUTS = 3
 """Inputs that are reported one after the other."""
-LEFT = 0.03
-"""Least share of an input's variation that is no drift, to judge the input."""
 SPANS = 4
 """Number of spans of a single recording, each of which is predicted from the others."""
+CLEAR = 0.15
+"""Size over the largest of a pattern, from which its sign counts."""
 
 
 @dataclass(frozen=True)
@@ -190,15 +180,16 @@ def relate(
         first = first or here
         sure = [
             r for n, r in here.items()
-            if by_chance[n][0] <= LARGEST_CHANCE and by_chance[n][1] <= SHIFTED
-            and r.share >= LEAST_SHARE
+            # A single recording has no more shifts than frames.
+            if by_chance[n][0] <= CHANCE and by_chance[n][1] <= 2.0 * CHANCE
+            and r.share >= SMALL_SHARE
         ]  # fmt: skip
         if not sure:
             break
         best = max(sure, key=lambda r: r.share)
         alike = tuple(
             r.name for r in sorted(sure, key=lambda r: -r.share)
-            if r is not best and r.share > ALIKE * best.share
+            if r is not best and r.share > CLEARLY_LESS * best.share
         )  # fmt: skip
         significant.append(replace(best, significant=True, alike=alike))
         taken = judged[best.name]
@@ -207,7 +198,7 @@ def relate(
         rest = {
             n: b - taken @ (taken.T @ b) for n, b in left.items() if n not in (best.name, *alike)
         }
-        left = {n: o for n, b in rest.items() if (o := _orthonormal(b, 0.1)) is not None}
+        left = {n: o for n, b in rest.items() if (o := _orthonormal(b, SMALL_SHARE)) is not None}
     names = {r.name for r in significant}
     others = sorted((r for n, r in first.items() if n not in names), key=lambda r: -r.share)
     return (*significant, *others), unjudged
@@ -222,7 +213,7 @@ def sentences(found: Relations) -> tuple[str, ...]:
         (found.slow, "drifts slowly"),
         (max(0.0, 1.0 - found.constant - found.slow), "comes and goes faster"),
     ]
-    shares = [f"{_percent(s)} of its variance {words}" for s, words in parts if s >= LEAST_SHARE]
+    shares = [f"{_percent(s)} of its variance {words}" for s, words in parts if s >= SMALL_SHARE]
     pattern = found.pattern
     turns = ("without a change", "with one change")[pattern.signs] if pattern.signs < 2 else (
         f"with {pattern.signs} changes"
@@ -285,7 +276,7 @@ def _basis(varied: Input, times: Sequence[FloatArray]) -> FloatArray | None:
         for c, t in zip(varied.columns, times, strict=True)
     ]
     columns = np.concatenate(parts)
-    return _orthonormal(columns, LEFT * np.sqrt(len(columns))) if columns.size else None
+    return _orthonormal(columns, SMALL_SHARE * np.sqrt(len(columns))) if columns.size else None
 
 
 def _orthonormal(columns: FloatArray, least: float) -> FloatArray | None:
@@ -341,7 +332,7 @@ def _pattern(fields: Sequence[FloatArray], total: float, settings: Settings) -> 
     curves = vectors[:, -1].reshape(-1, n) @ back  # across, along, out of the plane
     size = np.linalg.norm(curves, axis=0)
     main = curves[int(np.argmax(np.sum(curves**2, axis=1)))]
-    clear = main[np.abs(main) > 0.15 * np.abs(main).max()]
+    clear = main[np.abs(main) > CLEAR * np.abs(main).max()]
     signs = int(np.sum(np.diff(np.sign(clear)) != 0.0))
     frames = sum(len(f) for f in fields)
     common_frames = sum(max(len(f) - 1, 1) for f in fields)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dlo_ros.inference.thresholds import CHANCE
 from dlo_ros.spline import FloatArray
 
 DRAWS = 400
@@ -33,7 +34,7 @@ def root_autocovariance(residuals: Sequence[FloatArray]) -> float:
 
 
 def chance(residuals: Sequence[FloatArray], seed: int = 0) -> float:
-    """The root autocovariance that residuals of the same size exceed by chance in 1 of 100 cases.
+    """The root autocovariance that residuals of the same size exceed by chance, see `CHANCE`.
 
     The frames are given random signs: what repeats along the DLO within a frame stays. A recording
     of one frame has no neighbours; for it noise is drawn.
@@ -46,4 +47,4 @@ def chance(residuals: Sequence[FloatArray], seed: int = 0) -> float:
         return np.asarray(r * rng.choice([-1.0, 1.0], (len(r), 1)))
 
     found = [root_autocovariance([drawn(r) for r in residuals]) for _ in range(DRAWS)]
-    return float(np.percentile(found, 99.0))
+    return float(np.quantile(found, 1.0 - CHANCE))
