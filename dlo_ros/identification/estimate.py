@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlo_ros.inference.thresholds import IDENTIFIED, SMALL_SHARE, UNBOUNDED
 from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
@@ -16,13 +17,12 @@ from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
-IDENTIFIED = 0.25  # relative standard deviation below which the data determine a parameter
-UNBOUNDED = 1.0  # relative standard deviation above which no number is given
 # A guess guides the search and is no knowledge: standard deviations of the logarithms, wider than
 # those of `dlo_ros.inference.priors`, with which a set-up is compared by evidence.
 SEARCH_STD = {"young_modulus": 4.0, "density": 0.3, "air_drag": 3.0, "relaxation_time": 2.0}
 NOISE_SHARE = 0.1  # of the residual that the simulation's own error may be
 FINEST = 1e-5  # of the length: no finer simulation is asked for
+OPEN = 1e3  # standard deviation of a logarithm of which nothing at all is known
 RIDGE = 1e-8  # keeps flat directions finite: standard deviation 1e4 of a logarithm
 COMBINATIONS = {
     "young_modulus": np.array([1.0, 0.0, 0.0, 0.0]),
@@ -43,7 +43,7 @@ class Estimate:
             its name, leaving density_std aside.
         covariance: covariance of the logarithms of `MATERIAL`, known prior information included,
             shape (4, 4).
-        traded: pairs of parameters with a correlation beyond 0.95.
+        traded: pairs of parameters of which the data determine a combination far better than each.
         significant: whether it differs enough from what was last reported as significant to be
             passed on to a running simulation (online only).
     """
@@ -221,5 +221,5 @@ def _traded(covariance: FloatArray) -> tuple[tuple[str, str], ...]:
         (MATERIAL[i], MATERIAL[j])
         for i in range(4)
         for j in range(i + 1, 4)
-        if abs(correlation[i, j]) > 0.95 and std[i] < 1e3 and std[j] < 1e3
+        if abs(correlation[i, j]) > 1.0 - SMALL_SHARE and max(std[i], std[j]) < OPEN
     )

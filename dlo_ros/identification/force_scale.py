@@ -15,8 +15,8 @@ import numpy as np
 from dlo_ros.command import Command
 from dlo_ros.effects import quantities
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces, exhausted
-from dlo_ros.identification.estimate import UNBOUNDED
 from dlo_ros.identification.identifiability import rounded
+from dlo_ros.inference.thresholds import UNBOUNDED
 from dlo_ros.inference.wrench import (
     WrenchField,
     from_change,

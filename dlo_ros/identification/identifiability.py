@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.identification.estimate import IDENTIFIED, UNBOUNDED, Estimate, known_information
+from dlo_ros.identification.estimate import Estimate, known_information
+from dlo_ros.inference.thresholds import CLEARLY_LESS, IDENTIFIED, UNBOUNDED
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
 
@@ -69,7 +70,7 @@ def knowledge(estimate: Estimate, information: FloatArray) -> list[Knowledge]:
         if name == "relaxation_time" and not settings.damping.relaxation_time > 0.0:
             continue
         source = "guess"
-        if helped < IDENTIFIED and helped < 0.9 * _std(forces, c):
+        if helped < IDENTIFIED and helped < CLEARLY_LESS * _std(forces, c):
             source = "data"
         elif full < IDENTIFIED:
             source = "prior"

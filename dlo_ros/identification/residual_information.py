@@ -24,6 +24,7 @@ from dlo_ros.spline import FloatArray, SplineBasis
 FITTED = 2.0  # numbers that a fit takes out of the residuals
 NOISE_LIMIT = 1e-7  # [m]: residuals below are rounding
 MOST_LAGS = 2000  # frames between which a correlation is kept
+DECAYED = 0.1  # of a correlation, below which the rest of it is not summed
 # Curvature counts per length of the stretched rod (the paper's eq. (7)) or of the unstretched one,
 # as most other simulators have it. Cantilevers of both kinds as boundary value problems differ by
 # 1.1 to 2.5 of the strain in ln E (root mean square 1.9) and by up to 0.2 in what is left of the
@@ -110,7 +111,7 @@ def residual_errors(residual: FloatArray, direction: FloatArray) -> Errors:
         rest = rho[1 : frames // 4 + 1] - constant
         lasting = max(float(np.mean(rest[:2])), 0.0)
         if lasting > 0.0:
-            below = np.flatnonzero(rest < 0.1 * lasting)
+            below = np.flatnonzero(rest < DECAYED * lasting)
             stop = int(below[0]) if len(below) else len(rest)
             memory = max(float(np.sum(rest[:stop])) / lasting, 1e-3)
             persistence = memory / (1.0 + memory)

@@ -8,11 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.inference.forecast import whitening
+from dlo_ros.inference.thresholds import FEWEST
 from dlo_ros.observation import Observation
 from dlo_ros.spline import FloatArray, SplineBasis
 
 DIFFERENCE_ORDERS = (2, 4, 6)
-FRAMES_FOR_NOISE = 12  # fewer do not determine the scatter from frame to frame
+DECAYED = 0.05  # correlation below which the rest of it is not summed
+STILL = 1e-3  # mean square of a coordinate over the largest, below which it is not measured
 
 
 def correlation_length(residuals: Sequence[FloatArray], axis: int) -> float:
@@ -37,7 +39,7 @@ def correlation_length(residuals: Sequence[FloatArray], axis: int) -> float:
     if lag_zero <= 0.0:
         return 1.0
     rho = total / lag_zero
-    below = np.flatnonzero(rho < 0.05)
+    below = np.flatnonzero(rho < DECAYED)
     stop = int(below[0]) if len(below) else longest
     return float(max(1.0, 1.0 + 2.0 * rho[1:stop].sum()))
 
@@ -51,7 +53,7 @@ def frame_scatter(observations: Sequence[Observation], length: float) -> float |
 
     None where there are too few frames, or where they are copies of one another.
     """
-    if len(observations) < FRAMES_FOR_NOISE:
+    if len(observations) < FEWEST:
         return None
     n = len(observations[0].control_points)
     white = whitening(n, length)
@@ -63,7 +65,7 @@ def frame_scatter(observations: Sequence[Observation], length: float) -> float |
         squares = np.sum(gap**2, axis=1)  # (F - order, 3): mean square along u
         seen = squares.mean(axis=0)
         # A planar recording has two noisy coordinates.
-        active = seen > 1e-3 * seen.max()
+        active = seen > STILL * seen.max()
         if not active.any():
             return None
         found.append(float(np.median(squares[:, active].mean(axis=1))))

@@ -22,7 +22,7 @@ from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.optimize import minimize
 
 from dlo_ros.inference.spectrum import Spectrum, joined
-from dlo_ros.inference.thresholds import FEWEST_FRAMES
+from dlo_ros.inference.thresholds import FEWEST_FRAMES, SMALL_SHARE
 from dlo_ros.spline import FloatArray
 
 LEAST_NOISE = 2e-6
@@ -221,12 +221,12 @@ def guess(spectrum: Spectrum, length: float) -> Variances:
     """Variances from the residuals as they are."""
     least = (LEAST_NOISE * length) ** 2
     high = spectrum.frequency > 0.5 * np.pi
-    rough = high & (spectrum.share < 0.05)
+    rough = high & (spectrum.share < SMALL_SHARE)
     still = spectrum.frequency == 0.0
     white, fading, staying = [], [], []
     for part in range(spectrum.parts):
         mine = spectrum.part == part
-        pick = mine & rough if np.any(mine & rough) else mine & (spectrum.share < 0.05)
+        pick = mine & rough if np.any(mine & rough) else mine & (spectrum.share < SMALL_SHARE)
         pick = pick if np.any(pick) else mine
         each = float(np.sum(spectrum.sum_of_squares[pick]) / np.sum(spectrum.count[pick]))
         white.append(max(each / float(spectrum.white[0]), least))

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from operator import itemgetter
 
-from dlo_ros.identification.estimate import IDENTIFIED
 from dlo_ros.inference.err import shape_error
+from dlo_ros.inference.thresholds import IDENTIFIED
 from dlo_ros.nodes.pairing import interpolated
 from dlo_ros.rod.live_simulation import CORRECTION
 from dlo_ros.spline import FloatArray, SplineBasis

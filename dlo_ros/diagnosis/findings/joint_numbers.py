@@ -16,11 +16,11 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     SetupNumber,
 )
 from dlo_ros.effects import added_to_damping, damping_effect, effects, quantities
-from dlo_ros.identification.estimate import UNBOUNDED
 from dlo_ros.identification.residual_information import model_shifts
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.parameter import Parameter, split_name
 from dlo_ros.inference.priors import DIAMETER_STD
+from dlo_ros.inference.thresholds import UNBOUNDED
 from dlo_ros.inference.variances import widened_covariance
 from dlo_ros.parameters import Settings, tolerance
 from dlo_ros.rod.sensitivity_parameters import effect_names

@@ -14,7 +14,6 @@ from dataclasses import replace
 
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis, Fitted, NamedEffect, Number
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.estimate import UNBOUNDED
 from dlo_ros.identification.force_scale import (
     POWERS,
     Scale,
@@ -25,6 +24,7 @@ from dlo_ros.identification.force_scale import (
 )
 from dlo_ros.inference.forecast import Manipulation, forecast
 from dlo_ros.inference.priors import DIAMETER_STD
+from dlo_ros.inference.thresholds import UNBOUNDED
 from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)

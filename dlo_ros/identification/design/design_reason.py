@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.identification.design.expected_information import Outlook, displacement
-from dlo_ros.identification.estimate import IDENTIFIED
 from dlo_ros.identification.identifiability import rounded
+from dlo_ros.inference.thresholds import IDENTIFIED, MUCH_LARGER
 from dlo_ros.parameters import Settings
 
 
@@ -38,7 +38,7 @@ def reason(found: Outlook, weakest: Outlook, settings: Settings) -> str:
             f"{rounded(found.response / weakest.response)} times as far as in the experiment "
             f"'{weakest.plan.name}'"
         )
-    moving = float(shift.mean(axis=1).max()) > 1.5 * float(np.median(shift.mean(axis=1)))
+    moving = float(shift.mean(axis=1).max()) > MUCH_LARGER * float(np.median(shift.mean(axis=1)))
     place = f"most at u = {at:.2f} m" + (f" around {when:.1f} s" if moving else "")
     words.append(place)
     sentence = ", ".join(words)

@@ -36,6 +36,7 @@ from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.spectrum import spectrum
+from dlo_ros.inference.thresholds import STEEPEST
 from dlo_ros.inference.variances import Variances
 from dlo_ros.inference.wrench import expected, wrench_field
 from dlo_ros.observation import Observation, Wrenches
@@ -47,7 +48,6 @@ from dlo_ros.spline import FloatArray, SplineBasis
 HYPOTHESES = (0.5, 1.0, 2.0)
 NOTHING = 1e-30  # [m^2] of a variance: fits see its logarithm
 POINTS = 81  # along the DLO, at which displacements are given
-STEEPEST = 0.5  # response beyond which a manipulation is at a snap and cannot be relied on
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ from dlo_ros.inference.losses import TO_REPORT, WHITE, misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.inference.thresholds import CLEARLY_LESS, NAMED, TRACKER_ERROR
 from dlo_ros.inference.time_steps import sufficient_time_steps
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
@@ -42,16 +43,12 @@ from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
-WORSE_EVIDENCE = 5.0
-"""Log evidence for an exact set-up, from which the open one is not fitted: 150 to one."""
-VALLEYS, LARGE_ERR = (0.2, 5.0), 0.01
-"""Factors of E from which the open set-up is fitted, too, where more than this share of L is left:
+VALLEYS = (0.2, 5.0)
+"""Factors of E from which the open set-up is fitted, too, where more is left than a tracker errs:
 on the right branch a set-up within its tolerances comes nearer."""
 VALLEY_ITERATIONS = 8
 RIDGE = 1e-9
 """Information, in units of the likelier model's, that keeps what the other leaves open finite."""
-BETTER = 0.8
-"""Share of the misfit below which another valley is taken."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +110,7 @@ def weighed(
     try:
         start = evaluate(model, recordings)
         stated = restricted(start, own).evidence
-        if start.posterior.evidence < stated - WORSE_EVIDENCE:
+        if start.posterior.evidence < stated - NAMED:
             return exact
         at = _best_valley(settled(start, recordings), start, recordings)
         at = _finished(at, recordings, long_steps or shortest, shortest)
@@ -126,7 +123,7 @@ def weighed(
 
 def _best_valley(at: Evaluation, start: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
     """The fit, or a better local minimum: far away a shape may lie on another branch."""
-    if at.mean_err < LARGE_ERR * at.model.settings.rod.length:
+    if at.mean_err < TRACKER_ERROR * at.model.settings.rod.length:
         return at
     best = at
     for factor in VALLEYS:
@@ -138,7 +135,7 @@ def _best_valley(at: Evaluation, start: Evaluation, recordings: Sequence[Recordi
         except SimulationError as err:
             LOG.info("from %g times E: %s", factor, err)
             continue
-        if misfit(found, best, WHITE) < BETTER * misfit(best, best, WHITE):
+        if misfit(found, best, WHITE) < CLEARLY_LESS * misfit(best, best, WHITE):
             best = settled(found, recordings)
     return best
 

@@ -49,7 +49,7 @@ from dlo_ros.identification.online.linearised_model import (
 from dlo_ros.identification.online.observed_window import ObservedWindow
 from dlo_ros.identification.online.online_force_scale import Forces
 from dlo_ros.identification.online.rival_branches import best_rival
-from dlo_ros.identification.online.set_up_errors import FEWEST, SETTLED, SetUpErrors
+from dlo_ros.identification.online.set_up_errors import BEGINNING, SETTLED, SetUpErrors
 from dlo_ros.identification.residual_information import model_shifts
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.observation import Observation
@@ -205,7 +205,7 @@ class OnlineEstimator:
         if self._stale:
             self._stale = False
             self._adopt((yield from self._again(self._current())))
-        if self._run.used < FEWEST:
+        if self._run.used < BEGINNING:
             return
         elapsed = self._past.elapsed
         rival = None
@@ -355,7 +355,7 @@ class OnlineEstimator:
     def _publish(self) -> None:
         """Solve for the estimate."""
         run = self._run
-        if run is None or run.used < FEWEST:
+        if run is None or run.used < BEGINNING:
             return
         at = run.at
         step = self._prior.step(at)

@@ -14,6 +14,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces
 from dlo_ros.identification.force_scale import borne_along, scale_in_pieces
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
+from dlo_ros.inference.thresholds import FEWEST
 from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.loads.grip_reactions import Loading
@@ -25,8 +26,6 @@ LOG = logging.getLogger(__name__)
 
 MOST_SAMPLES = 60_000
 """Messages of an end that are remembered: a minute at 1 kHz."""
-FEWEST = 10
-"""Shapes before forces are looked at."""
 GROWTH = 1.3
 """Growth of the window after which they are looked at again."""
 RATIO_CHANGE = 0.05

@@ -10,11 +10,11 @@ from dlo_ros.identification.cooperative_tasks import Pieces, short
 from dlo_ros.identification.estimate import logarithms, with_logarithms
 from dlo_ros.identification.online.linearised_model import Run
 from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.thresholds import CLEARLY_LESS
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
 
 RIVALS = (1 / 30, 1 / 8, 1 / 3, 3.0, 8.0, 30.0)  # of E/mu
-RIVAL_MISFIT = 0.5  # of the squared residuals that a rival may leave
 AT_ONCE = 4  # observations in a piece of work
 
 
@@ -37,6 +37,6 @@ def best_rival(past: Manipulation, run: Run, initial: Settings) -> Pieces[FloatA
     best, least = None, run.sum_of_squares_until(past.observations[-1].stamp)
     for theta, rival in zip(thetas, forecasts, strict=True):
         sum_of_squares = np.inf if rival is None else float(np.sum(rival.residual**2))
-        if sum_of_squares < RIVAL_MISFIT * least:
+        if sum_of_squares < CLEARLY_LESS**2 * least:
             best, least = theta, sum_of_squares
     return best

@@ -17,7 +17,7 @@ from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
-FEWEST = 3  # observations before anything is concluded
+BEGINNING = 3  # observations before there is an estimate
 SETTLED = 0.8  # [s] of past before which neither tolerances nor resolution are worth a look
 SET_UP_GROWTH = 1.5  # of the past after which the set-up's tolerances are looked at again
 RATIO_CHANGE = 0.05  # change of ln(E/mu) after which they are
@@ -46,7 +46,7 @@ class SetUpErrors:
             past: the observations.
             estimate: the estimate, whose E/mu may have changed since.
         """
-        if run is None or past.anchor is not None or run.used < FEWEST or past.elapsed < SETTLED:
+        if run is None or past.anchor is not None or run.used < BEGINNING or past.elapsed < SETTLED:
             return False
         used, ratio = self._examined
         other = abs(math.log(estimate.specific_modulus) - ratio) > RATIO_CHANGE
