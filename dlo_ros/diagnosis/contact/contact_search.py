@@ -10,15 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import minimize
 
-from dlo_ros.diagnosis.contact.peg_places import Sight, apart, places, sight
+from dlo_ros.diagnosis.contact.peg_places import Sight, TouchedPeg, apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import undisturbed
 from dlo_ros.diagnosis.contact.wall_places import TouchedWall, beside, walls
 from dlo_ros.diagnosis.fitting import robust_fit
-from dlo_ros.effects import Peg, Scene, Start
+from dlo_ros.effects import Scene, Start
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.errors import SimulationError
@@ -50,18 +51,16 @@ NEAREST, NEAR, NEARER = 3, 0.05, 0.006
 their smallest distance from each other, over the length."""
 FITTED = 3
 """Number of pegs, and of walls, that are fitted."""
-STEP, LARGER, TURN = 0.01, 0.3, 0.1
-"""First steps of the simplex search: over the length, of the logarithm of a peg's radius, and of a
-wall's direction [rad]."""
-NORMAL = 0.1
-"""First step along a wall's normal over that of a peg: walls are tried as near to each other."""
+STEP = 0.01
+"""First step of the simplex search, over the length."""
 EVALUATIONS, ALIKE = 40, 0.01
 """Simulations of this search, and differences of the loss at which it ends."""
 ITERATIONS = 6
 BEGUN = 2
 """Pegs, and walls, that are kept."""
 
-Hit = Peg | TouchedWall
+Touched = TouchedPeg | TouchedWall
+Hit = TypeVar("Hit", TouchedPeg, TouchedWall)
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ class _Disturbed:
     scale: float
     given: Settings
 
-    def loss(self, hit: Hit) -> float | None:
+    def loss(self, hit: Touched) -> float | None:
         """The robust loss with something that is hit; None where it cannot be simulated."""
         try:
             at = simulate(self._with(hit), self.recordings, ())
@@ -89,53 +88,40 @@ class _Disturbed:
         return robust_fit.robust_loss(self.recordings, self.scale).of_pictures(at)
 
     def losses(self, some: Sequence[Hit]) -> list[tuple[float, Hit]]:
-        """The losses of those that can be simulated, and they."""
+        """The losses of pegs or walls that can be simulated, and they."""
         found = Threads().map(self.loss, some)
         return [(loss, hit) for hit, loss in zip(some, found, strict=True) if loss is not None]
 
-    def fitted(self, hit: Hit) -> tuple[float, Start] | None:
+    def fitted(self, hit: Touched) -> tuple[float, Start] | None:
         """Fit of a contact's numbers, by a simplex search first, since the loss has jumps.
 
         Returns:
             Sum of squared residuals, and the fitted numbers.
         """
-        length = self.given.rod.length
-
-        def moved(step: FloatArray) -> Hit:
-            if isinstance(hit, TouchedWall):
-                return hit.moved(STEP * length * float(step[0]), float(step[1]))
-            dx, dz = (STEP * length * step[:2]).tolist()
-            return Peg(hit.x + dx, hit.z + dz, hit.radius * float(np.exp(step[2])))
+        unit = STEP * self.given.rod.length
 
         def left(step: FloatArray) -> float:
-            loss = self.loss(moved(step))
+            loss = self.loss(hit.stepped(step, unit))
             return np.inf if loss is None else loss
 
-        first = [NORMAL, TURN] if isinstance(hit, TouchedWall) else [1.0, 1.0, LARGER]
-        simplex = np.vstack([np.zeros(len(first)), np.diag(first)])
+        simplex = np.vstack([np.zeros(len(hit.steps())), np.diag(hit.steps())])
         options = {
             "initial_simplex": simplex, "maxfev": EVALUATIONS, "fatol": ALIKE, "xatol": np.inf
         }  # fmt: skip
         found = minimize(left, simplex[0], method="Nelder-Mead", options=options)
-        nearest = moved(found.x)
+        nearest = hit.stepped(found.x, unit)
         try:
             begun = evaluate(self._with(nearest), self.recordings)
         except SimulationError:
             return None
         at = fit(begun, self.recordings, ITERATIONS, loss=WHITE, draft=True)
-        start = self._start(nearest)
+        start = nearest.start(self.settings.rod.diameter)
         squares = sum(float(np.sum(r**2)) for r, _ in at.fields)
         return squares, replace(start, block=at.model.settings.effects[start.effect])
 
-    def _start(self, hit: Hit) -> Start:
-        """Where the fit of a contact begins."""
-        if isinstance(hit, TouchedWall):
-            return hit.start(self.settings.rod.diameter)
-        return _start(hit, 0)
-
-    def _with(self, hit: Hit) -> ParametricModel:
+    def _with(self, hit: Touched) -> ParametricModel:
         """The model with a contact, of which only the contact's numbers are open."""
-        start = self._start(hit)
+        start = hit.start(self.settings.rod.diameter)
         parameters, _ = cause_priors(self.given, start)
         bare = ParametricModel(self.settings, ())
         return bare.extended(start.effect, dict(start.block), parameters)
@@ -196,11 +182,11 @@ def _contacts(
     hit = _Disturbed(settings, tuple(drafts[k] for k in disturbed), scale, given)
     there = consensus.of(disturbed)
     most = CLEARLY_LESS * robust_fit.robust_loss(hit.recordings, scale).of_pictures(there)
-    kinds = (_best_pegs(hit, view), _best_walls(hit, view))
-    best = min((loss for kind in kinds for loss, _ in kind), default=0.0)
+    pegs, walls_ = _best_pegs(hit, view), _best_walls(hit, view)
+    best = min((loss for loss, _ in (*pegs, *walls_)), default=0.0)
     most = min(most, CERTAIN**2 * best)
     fits: list[tuple[float, Start]] = []
-    for kind in kinds:
+    for kind in (pegs, walls_):
         found = Threads().map(hit.fitted, [h for loss, h in kind if loss <= most])
         fits += sorted((f for f in found if f is not None), key=lambda f: f[0])[:BEGUN]
     least = min((squares for squares, _ in fits), default=0.0)
@@ -208,7 +194,7 @@ def _contacts(
     return [start for _, start in sorted(kept, key=lambda f: f[0])]
 
 
-def _best_pegs(hit: _Disturbed, view: Sight) -> list[tuple[float, Hit]]:
+def _best_pegs(hit: _Disturbed, view: Sight) -> list[tuple[float, TouchedPeg]]:
     """The pegs that leave least, at places that are looked at ever more closely."""
     likely, length = _likely(view), hit.given.rod.length
     tried = hit.losses(apart(likely, APART * length, SIMULATED))
@@ -217,38 +203,36 @@ def _best_pegs(hit: _Disturbed, view: Sight) -> list[tuple[float, Hit]]:
         near = [p for p in likely if np.hypot(p.x - peg.x, p.z - peg.z) < NEAR * length]
         tried += hit.losses(apart(near, NEARER * length, SIMULATED))
     tried.sort(key=lambda t: t[0])
-    best = apart([peg for _, peg in tried if isinstance(peg, Peg)], NEARER * length, FITTED)
+    best = apart([peg for _, peg in tried], NEARER * length, FITTED)
     losses = {peg: loss for loss, peg in tried}
     return [(losses[peg], peg) for peg in best]
 
 
-def _best_walls(hit: _Disturbed, view: Sight) -> list[tuple[float, Hit]]:
+def _best_walls(hit: _Disturbed, view: Sight) -> list[tuple[float, TouchedWall]]:
     """The walls that leave least, of different directions."""
     best = _first_of_each(hit.losses(walls(view)))
-    near = [w for _, wall in best if isinstance(wall, TouchedWall) for w in beside(view, wall)]
+    near = [w for _, wall in best for w in beside(view, wall)]
     return _first_of_each([*best, *hit.losses(near)])
 
 
-def _first_of_each(tried: Sequence[tuple[float, Hit]]) -> list[tuple[float, Hit]]:
+def _first_of_each(
+    tried: Sequence[tuple[float, TouchedWall]],
+) -> list[tuple[float, TouchedWall]]:
     """The walls that leave least, of different directions."""
-    best: dict[float, tuple[float, Hit]] = {}
+    best: dict[float, tuple[float, TouchedWall]] = {}
     for loss, wall in sorted(tried, key=lambda t: t[0]):
-        best.setdefault(wall[2], (loss, wall))
+        best.setdefault(wall.angle, (loss, wall))
     return list(best.values())[:FITTED]
 
 
 def plausible_pegs(view: Sight) -> list[Start]:
     """The likeliest pegs by geometry alone, without a simulation."""
     length = view.rod.length
-    return [_start(peg, k) for k, peg in enumerate(apart(_likely(view), APART * length, BEGUN))]
+    best = apart(_likely(view), APART * length, BEGUN)
+    return [replace(p.start(view.rod.diameter), form=f"peg {k}") for k, p in enumerate(best, 1)]
 
 
-def _start(peg: Peg, rank: int) -> Start:
-    block = peg._asdict()
-    return Start(Obstacle.name, block, (), tuple(block), neutral=False, form=f"peg {rank + 1}")
-
-
-def _likely(view: Sight) -> list[Peg]:
+def _likely(view: Sight) -> list[TouchedPeg]:
     """The pegs that explain most of the outlier frames, if they explain enough of them."""
     found = [p for radius in RADII for p in places(view, radius)]
     found.sort(key=lambda p: (p.left, -p.touched))

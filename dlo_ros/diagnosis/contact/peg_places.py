@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.effects import Peg
+from dlo_ros.effects import Peg, Start
+from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.inference.thresholds import SLACK
 from dlo_ros.parameters import RodParameters
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -18,8 +19,28 @@ TRIED = 150
 STATIONS = 60
 BENT = 0.5
 """Deviation of a station over the largest of its picture, beside which places are tried."""
+LARGER = 0.3
+"""First step of the logarithm of a peg's radius, where it is fitted."""
 AFTER = 3
 """Pictures after a hit that are looked at."""
+
+
+class TouchedPeg(Peg):
+    """A peg that the DLO may have touched."""
+
+    def start(self, _: float) -> Start:
+        """Where the fit of such a peg begins, for a DLO of any diameter."""
+        block = self._asdict()
+        return Start(Obstacle.name, block, (), tuple(block), neutral=False, form="peg 1")
+
+    def steps(self) -> tuple[float, ...]:
+        """First steps of a search: of its place, in units of `stepped`, and of ln radius."""
+        return 1.0, 1.0, LARGER
+
+    def stepped(self, step: FloatArray, unit: float) -> TouchedPeg:
+        """The peg that is moved by a step (3,), of a unit [m], and larger."""
+        dx, dz = (unit * step[:2]).tolist()
+        return TouchedPeg(self.x + dx, self.z + dz, self.radius * float(np.exp(step[2])))
 
 
 @dataclass(frozen=True)
@@ -32,7 +53,7 @@ class Place:
         touched: number of pictures in which the DLO touches the peg.
     """
 
-    peg: Peg
+    peg: TouchedPeg
     left: float
     touched: int
 
@@ -97,7 +118,7 @@ def places(view: Sight, radius: float) -> list[Place]:
             first = int(met[0]) if len(met) else len(wrong)
             left += int(wrong[:first].sum() + (~wrong[first : first + AFTER]).sum())
             touched += int(np.sum(_distance(s[first:], centre) - away < SLACK))
-        found.append(Place(Peg(float(centre[0]), float(centre[1]), radius), left, touched))
+        found.append(Place(TouchedPeg(float(centre[0]), float(centre[1]), radius), left, touched))
     return sorted(found, key=lambda p: (p.left, -p.touched))
 
 
@@ -120,9 +141,9 @@ def _beside(view: Sight, away: float) -> Iterator[FloatArray]:
             yield s[f, q] + np.sign(miss[f, q]) * away * across[f, q]
 
 
-def apart(found: Sequence[Peg], distance: float, most: int) -> list[Peg]:
+def apart(found: Sequence[TouchedPeg], distance: float, most: int) -> list[TouchedPeg]:
     """The first pegs, in their order, that keep a distance [m] from each other."""
-    kept: list[Peg] = []
+    kept: list[TouchedPeg] = []
     for peg in found:
         if all(np.hypot(peg.x - k.x, peg.z - k.z) > distance for k in kept):
             kept.append(peg)

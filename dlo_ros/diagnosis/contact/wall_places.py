@@ -27,6 +27,9 @@ SPACING, MOST = 2e-3, 10
 after an impact depends on millimetres."""
 TURNS = tuple(np.radians(2.0 * k) for k in range(-6, 7))
 """Angles between a wall and those beside it [rad]."""
+NORMAL, TURN = 0.1, 0.1
+"""First steps where a wall is fitted: along its normal over that of a peg, since walls are tried as
+near to each other, and of its direction [rad]."""
 BEHIND = 0.01
 """Quantile of the pictures at which the observed shapes end: single ones are grossly wrong."""
 
@@ -47,6 +50,14 @@ class TouchedWall(NamedTuple):
         """The wall that is moved along its normal [m] and turned about its point [rad]."""
         x, z = along * np.sin(self.angle), along * np.cos(self.angle)
         return TouchedWall(self.x + float(x), self.z + float(z), self.angle + turn)
+
+    def steps(self) -> tuple[float, ...]:
+        """First steps of a search: along its normal, in units of `stepped`, and of its angle."""
+        return NORMAL, TURN
+
+    def stepped(self, step: FloatArray, unit: float) -> TouchedWall:
+        """The wall that is moved by a step (2,), of a unit [m], and turned."""
+        return self.moved(unit * float(step[0]), float(step[1]))
 
 
 def walls(view: Sight) -> list[TouchedWall]:
