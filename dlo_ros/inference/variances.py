@@ -331,13 +331,13 @@ def _cost(
     value, _, _, slope = _marginal_likelihood(bins, parts.sum(axis=0), offset, precision)
     by_size = np.bincount(rows.ravel(), (slope * parts).ravel())
     noise, fading = slope * (parts[0] + parts[1]), slope * parts[2]
-    faster = noise * _rate(noise_memory[bins.part], bins.frequency)
-    memories = [-float(fading @ _rate(memory, bins.frequency)), *-np.bincount(bins.part, faster)]
+    faster = noise * ar1_rate(noise_memory[bins.part], bins.frequency)
+    memories = [-float(fading @ ar1_rate(memory, bins.frequency)), *-np.bincount(bins.part, faster)]
     return value, np.concatenate([by_size, memories])
 
 
-def _rate(memory: float | FloatArray, frequency: FloatArray) -> FloatArray:
-    """Derivative of the log of `density` by minus the logarithm of one minus the memory."""
+def ar1_rate(memory: float | FloatArray, frequency: FloatArray) -> FloatArray:
+    """Derivative of the log of `ar1_spectral_density` by minus ln (1 - memory)."""
     cosine = np.cos(frequency)
     below = 1.0 - 2.0 * memory * cosine + memory**2
     return np.asarray(

@@ -20,7 +20,7 @@ from scipy.optimize import minimize
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.inference.thresholds import FEWEST_FRAMES
-from dlo_ros.inference.variances import LONGEST_MEMORY, ar1_spectral_density
+from dlo_ros.inference.variances import LONGEST_MEMORY, ar1_rate, ar1_spectral_density
 from dlo_ros.inference.wrench_messages import LACKING, near, scatter, shaken
 from dlo_ros.observation import Wrenches
 from dlo_ros.parameters import Settings
@@ -282,16 +282,11 @@ class _Transformed:
         """Derivatives by the five numbers, from those by the variances (F, C)."""
         memory = float(-np.expm1(x[4]))
         fading = self.scale**2 * np.exp(2.0 * x[2:4])[self.kinds]
-        shape = ar1_spectral_density(memory, self.frequency)[:, None]
-        cosine = np.cos(self.frequency)
-        below = 1.0 - 2.0 * memory * cosine + memory**2
-        rate = -2.0 * memory * below - (1.0 - memory**2) * (2.0 * memory - 2.0 * cosine)
-        rate = (rate / below**2)[:, None]
         each = 2.0 * by * self.white**2 * np.exp(2.0 * x[:2])[self.kinds]
-        other = 2.0 * by * shape * fading
+        other = 2.0 * by * ar1_spectral_density(memory, self.frequency)[:, None] * fading
         kinds = [self.kinds == k for k in (0, 1)]
         parts = [float(e[:, k].sum()) for e in (each, other) for k in kinds]
-        return np.array([*parts, -(1.0 - memory) * float(np.sum(by * rate * fading))])
+        return np.array([*parts, -0.5 * float(np.sum(ar1_rate(memory, self.frequency) @ other))])
 
     def fitted(self, offset: FloatArray, precision: FloatArray) -> FloatArray:
         """Variances that maximise the marginal likelihood."""
