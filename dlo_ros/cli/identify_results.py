@@ -13,10 +13,10 @@ from dlo_ros.cli.diagnosis_words import label, off_by
 from dlo_ros.cli.loads import borne
 from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.effects import quantities
+from dlo_ros.identification.estimate import correlations
 from dlo_ros.identification.force_scale import words as force_words
 from dlo_ros.identification.identifiability import QUANTITIES as COMBINATIONS
 from dlo_ros.identification.identifiability import (
-    correlations,
     enumerated,
     knowledge,
     rounded,
@@ -87,7 +87,8 @@ def tree(
         for k in knowledge(estimate, matrix)
     }
     result["traded"] = [list(pair) for pair in estimate.traded]
-    result["correlation"] = {f"{a},{b}": v for (a, b), v in correlations(estimate).items()}
+    pairs = correlations(estimate.covariance).items()
+    result["correlation"] = {f"{a},{b}": v for (a, b), v in pairs}
     # Of the logarithms: `design --estimate` takes it as known.
     result["information"] = {"parameters": list(MATERIAL), "matrix": matrix.tolist()}
     result["damping"] = {

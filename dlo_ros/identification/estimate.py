@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -161,7 +162,7 @@ def estimate_covariance(settings: Settings, information: FloatArray) -> FloatArr
     Args:
         information: information from the recordings, shape (4, 4), as in estimate.json.
     """
-    return _inverse(information + search_information(settings))
+    return inverse(information + search_information(settings))
 
 
 def search_information(settings: Settings) -> FloatArray:
@@ -181,8 +182,8 @@ def summarise(initial: Settings, theta: FloatArray, data_information: FloatArray
         theta: estimated ln (E, mu, c, t_r).
         data_information: information of the data alone, correlation accounted for, shape (4, 4).
     """
-    covariance = _inverse(data_information + known_information(initial, weighed=True))
-    unweighed = _inverse(data_information + known_information(initial, weighed=False))
+    covariance = inverse(data_information + known_information(initial, weighed=True))
+    unweighed = inverse(data_information + known_information(initial, weighed=False))
     settings = with_logarithms(initial, theta)
     spread = {k: math.sqrt(max(float(c @ covariance @ c), 0.0)) for k, c in COMBINATIONS.items()}
     alone = {k: math.sqrt(max(float(c @ unweighed @ c), 0.0)) for k, c in COMBINATIONS.items()}
@@ -206,7 +207,7 @@ def summarise(initial: Settings, theta: FloatArray, data_information: FloatArray
     )
 
 
-def _inverse(information: FloatArray) -> FloatArray:
+def inverse(information: FloatArray) -> FloatArray:
     """Inverse of an information matrix that may have flat directions."""
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))
     # Rounding must not pretend to know a flat direction.
@@ -214,12 +215,14 @@ def _inverse(information: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.maximum(values, floor) @ vectors.T)
 
 
-def _traded(covariance: FloatArray) -> tuple[tuple[str, str], ...]:
+def correlations(covariance: FloatArray) -> dict[tuple[str, str], float]:
+    """Correlation of each pair of `MATERIAL`'s logarithms, from their covariance (4, 4)."""
     std = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(std, std)
-    return tuple(
-        (MATERIAL[i], MATERIAL[j])
-        for i in range(4)
-        for j in range(i + 1, 4)
-        if abs(correlation[i, j]) > 1.0 - SMALL_SHARE and max(std[i], std[j]) < OPEN
-    )
+    pairs = combinations(range(len(MATERIAL)), 2)
+    return {(MATERIAL[i], MATERIAL[j]): float(covariance[i, j] / std[i] / std[j]) for i, j in pairs}
+
+
+def _traded(covariance: FloatArray) -> tuple[tuple[str, str], ...]:
+    known = {name for name, v in zip(MATERIAL, np.diag(covariance), strict=True) if v < OPEN**2}
+    pairs = correlations(covariance).items()
+    return tuple(p for p, value in pairs if abs(value) > 1.0 - SMALL_SHARE and known.issuperset(p))

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.identification.estimate import Estimate, known_information
+from dlo_ros.identification.estimate import Estimate, correlations, inverse, known_information
 from dlo_ros.inference.thresholds import CLEARLY_LESS, IDENTIFIED, UNBOUNDED
-from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
 
 WORDS = {
@@ -79,24 +78,11 @@ def knowledge(estimate: Estimate, information: FloatArray) -> list[Knowledge]:
 
 
 def _std(information: FloatArray, direction: FloatArray) -> float:
-    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
-    floor = max(1e-8, 1e-13 * float(values.max()))
-    inverse = vectors / np.maximum(values, floor) @ vectors.T
-    return math.sqrt(max(float(direction @ inverse @ direction), 0.0))
+    return math.sqrt(max(float(direction @ inverse(information) @ direction), 0.0))
 
 
 def _bounded(std: float) -> float | None:
     return std if std < UNBOUNDED else None
-
-
-def correlations(estimate: Estimate) -> dict[tuple[str, str], float]:
-    """Correlation of each pair of `MATERIAL`'s logarithms."""
-    std = np.sqrt(np.diag(estimate.covariance))
-    return {
-        (MATERIAL[i], MATERIAL[j]): float(estimate.covariance[i, j] / (std[i] * std[j]))
-        for i in range(4)
-        for j in range(i + 1, 4)
-    }
 
 
 def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
@@ -127,13 +113,12 @@ def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
             "with weight is more informative, such as a free end of about twice (B/w)^(1/3); "
             "`design` finds one for this DLO."
         )
-    for (a, b), value in correlations(estimate).items():
-        if (a, b) in estimate.traded:
-            result.append(
-                f"{WORDS[a]} and {WORDS[b]} are traded against each other (correlation "
-                f"{value:+.3f}): the data fix a combination of them far better than each."
-            )
-    return result
+    found_ = correlations(estimate.covariance)
+    return result + [
+        f"{WORDS[a]} and {WORDS[b]} are traded against each other (correlation "
+        f"{found_[a, b]:+.3f}): the data fix a combination of them far better than each."
+        for a, b in estimate.traded
+    ]
 
 
 def _percent(std: float | None) -> str:

@@ -288,6 +288,12 @@ def _pull(found: Forecast) -> float:
     return float(np.sum(found.derivative[:, 0] * found.residual))
 
 
+def widened(information: FloatArray, shift: FloatArray) -> FloatArray:
+    """Information on numbers that a further unknown shift affects (Sherman and Morrison)."""
+    product = information @ shift
+    return np.asarray(information - np.outer(product, product) / (1.0 + shift @ product))
+
+
 def determined_directions(information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Directions in which there is information.
 

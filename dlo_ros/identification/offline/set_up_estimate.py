@@ -20,7 +20,7 @@ from scipy.special import expit
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import logarithms, with_logarithms
 from dlo_ros.identification.offline.material_fit import seen
-from dlo_ros.identification.residual_information import determined_directions, model_shifts
+from dlo_ros.identification.residual_information import determined_directions, model_shifts, widened
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.joint import (
     Evaluation,
@@ -199,12 +199,6 @@ def marginal_information(at: Evaluation) -> FloatArray:
     others = hessian[~own][:, ~own] + np.diag(at.model.precision()[~own])
     cross = hessian[own][:, ~own]
     return np.asarray(hessian[own][:, own] - cross @ np.linalg.solve(others, cross.T))
-
-
-def widened(information: FloatArray, shift: FloatArray) -> FloatArray:
-    """Information on numbers that a further unknown shift affects (Sherman and Morrison)."""
-    product = information @ shift
-    return np.asarray(information - np.outer(product, product) / (1.0 + shift @ product))
 
 
 def mixed(

@@ -23,6 +23,7 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
 )
 from dlo_ros.identification.force_scale import bounded, grip_wrenches
+from dlo_ros.identification.residual_information import widened
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.inference.parameter import value_of, with_value
@@ -165,7 +166,7 @@ def information_with_forces(
         left[f.name] = force, torque
     messages = sum(len(w.stamps) for r, _ in pairs for w in r.wrenches)
     result = np.where(usable, now, theta)
-    whole = _uncertain(shapes + information, diameter * np.array([4.0, 2.0, 0.0, 0.0]))
+    whole = widened(shapes + information, diameter * np.array([4.0, 2.0, 0.0, 0.0]))
     return ForceInformation(
         result, whole - stated, gradient, (everything, change, weight), left, messages
     )
@@ -176,12 +177,6 @@ def _exact_diameter(shapes: FloatArray, diameter: float) -> FloatArray:
     moved = shapes @ (2.0 * diameter * np.eye(len(shapes))[0])
     left = 1.0 - 2.0 * diameter * float(moved[0])
     return shapes + np.outer(moved, moved) / left if left > ROUNDING else shapes
-
-
-def _uncertain(information: FloatArray, shift: FloatArray) -> FloatArray:
-    """Information (P, P) where the parameters may all be off by a multiple of a shift (P,)."""
-    moved = information @ shift
-    return information - np.outer(moved, moved) / (1.0 + float(shift @ moved))
 
 
 def _of_scale(
