@@ -54,7 +54,7 @@ from dataclasses import replace
 from measured import swing
 from rods import KNOWN, PAPER
 
-from dlo_ros.diagnosis.proposals.candidate_effects import starts
+from dlo_ros.effects import starts
 from dlo_ros.inference.scene import scene
 from dlo_ros.diagnosis import diagnose
 from dlo_ros.diagnosis.fitting.initial_fit import begin

@@ -25,6 +25,7 @@ from dlo_ros.effects.registry import (
     effects,
     nonsmooth,
     quantities,
+    starts,
 )
 
 __all__ = [
@@ -44,4 +45,5 @@ __all__ = [
     "nonsmooth",
     "quantities",
     "quantity",
+    "starts",
 ]

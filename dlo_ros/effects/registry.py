@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import Any
 
 from dlo_ros.effects import measurement, physics
-from dlo_ros.effects.base import Effect, Quantity
+from dlo_ros.effects.base import Effect, Quantity, Scene, Start
 from dlo_ros.errors import ParameterError
 from dlo_ros.plugins import loaded
 
@@ -42,6 +42,15 @@ def effects() -> Mapping[str, type[Effect]]:
         else:
             found[member.name] = member
     return found
+
+
+def starts(scene: Scene) -> list[Start]:
+    """The values with which every effect is tried as a cause in some recordings.
+
+    Each effect names its own: one whose derivative at its neutral value is useful starts there, at
+    several places where it has a place; others (yield, friction) start with a few plausible sizes.
+    """
+    return [start for effect in effects().values() for start in effect.starts(scene)]
 
 
 def quantities(name: str) -> Mapping[str, Quantity]:

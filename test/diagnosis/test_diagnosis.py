@@ -12,9 +12,8 @@ from dlo_ros.diagnosis import diagnose
 from dlo_ros.diagnosis.findings.standard_manipulations import simulated, standard
 from dlo_ros.diagnosis.fitting.initial_fit import begin, fitted, whitened
 from dlo_ros.diagnosis.fitting.recording_noise import with_bias, with_noise
-from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.residuals import residual_autocovariance
-from dlo_ros.effects import Start, effects
+from dlo_ros.effects import Start, effects, starts
 from dlo_ros.errors import InputError
 from dlo_ros.identification import Manipulation
 from dlo_ros.identification.batched_forecast import forecast_varied
@@ -81,7 +80,6 @@ def test_every_effect_is_looked_for():
     guessed = starts(replace(found, clamps=(), known=()))
     clamps = {"clamp_angle", "clamp_compliance"}
     assert {s.effect for s in guessed} == names - clamps - {"air_drag", "internal_damping"}
-    assert not [s for s in starts(found, present=("point_mass",)) if s.effect == "point_mass"]
 
 
 def test_a_plain_swing_is_adequate():

@@ -19,7 +19,6 @@ from dlo_ros.diagnosis.contact.peg_places import sight
 from dlo_ros.diagnosis.explain.cause_naming import NAMED
 from dlo_ros.diagnosis.explain.certainty import beyond, certain
 from dlo_ros.diagnosis.explain.measurement_error import material_err
-from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     Proposal,
     added,
@@ -30,7 +29,7 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
     simulated_together,
     with_proposals,
 )
-from dlo_ros.effects import Scene
+from dlo_ros.effects import Scene, starts
 from dlo_ros.errors import DloError
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces
 from dlo_ros.identification.gradual_simulation import simulated
