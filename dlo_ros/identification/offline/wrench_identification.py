@@ -57,8 +57,8 @@ LONGEST_STEP = 1.5
 GUESS_WEIGHT = 0.01
 """Weight of what was only guessed, where forces were measured."""
 MU = MATERIAL.index("density")
-RATIOS = np.array([[1.0, 1.0, 0, 0], [0, 1.0, 0, 0], [0, 1.0, 1.0, 0], [0, 0, 0, 1.0]])
-"""Logarithms of `MATERIAL` from those of E/mu, mu, c/mu and t_r."""
+RATIOS = np.array([[1.0, -1.0, 0, 0], [0, -1.0, 1.0, 0], [0, 0, 0, 1.0]])
+"""Logarithms of E/mu, c/mu and t_r from those of `MATERIAL`."""
 ROUNDING = 1e-9
 """Least share of the shapes' information on E/mu that is not lost to the diameter."""
 
@@ -125,23 +125,24 @@ def information_with_forces(
     hardly = GUESS_WEIGHT * search_information(given)
     guess = np.where(np.isfinite(logarithms(given)), logarithms(given), theta)
     usable = np.isfinite(theta)
-    centre = np.where(usable, theta, 0.0)
+    centre, mu = np.where(usable, theta, 0.0), np.eye(len(theta))[MU]
     expected = shapes + known + hardly
+    spread = np.asarray(np.linalg.inv(expected), dtype=np.float64)
+    # E/mu, c/mu and t_r are left to the shapes: the effect of a small error of the set-up on
+    # torques would else be attributed to E/mu, which shapes determine better.
+    ratios = np.linalg.cholesky(RATIOS @ spread @ RATIOS.T)
     pull = (shapes + hardly) @ centre + known @ np.where(usable, guess, 0.0)
     now = centre.copy()
     for _ in range(ITERATIONS):
         at = with_logarithms(settings, np.where(usable, now, -np.inf))
-        fields = _fields(pairs, at, given, set_up, pool or Threads())
+        fields = _fields(pairs, at, given, set_up, ratios, pool or Threads())
         if not fields:
             LOG.warning("no measured force lies near an observed shape at a grip; none is used")
             return None
-        offset = np.asarray(np.linalg.solve(expected, pull) - now, dtype=np.float64)
-        found = [wrench_information(f, offset, expected) for f in fields]
-        information, gradient = _of_scale(
-            np.sum([t.information for t in found], axis=0),
-            np.sum([t.gradient for t in found], axis=0),
-            expected,
-        )
+        offset, precision = (spread @ pull - now)[[MU]], 1.0 / spread[[MU]][:, [MU]]
+        found = [wrench_information(f, offset, precision) for f in fields]
+        information = _on_mu([t.information for t in found])
+        gradient = float(np.sum([t.gradient for t in found])) * mu
         whole = expected + information
         step = np.linalg.solve(whole, pull + information @ now + gradient) - now
         step = np.where(usable, step, 0.0)
@@ -153,8 +154,7 @@ def information_with_forces(
         LOG.warning("forces and shapes have not come to agree after %d iterations", ITERATIONS)
     changing = [from_change(f, t.variance) for f, t in zip(fields, found, strict=True)]
     mean = [from_mean(f, t.variance) for f, t in zip(fields, found, strict=True)]
-    parts = [np.sum(part, axis=0) for part in (changing, mean)]
-    alone = [information, *(_of_scale(part, gradient, expected)[0] for part in parts)]
+    alone = (information, _on_mu(changing), _on_mu(mean))
     everything, change, weight = (
         float(np.hypot(np.sqrt(np.linalg.inv(expected + part)[MU, MU]), 2.0 * diameter))
         for part in alone
@@ -179,36 +179,20 @@ def _exact_diameter(shapes: FloatArray, diameter: float) -> FloatArray:
     return shapes + np.outer(moved, moved) / left if left > ROUNDING else shapes
 
 
-def _of_scale(
-    information: FloatArray, gradient: FloatArray, expected: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Information of forces on mu, with E/mu, c/mu and t_r as the shapes give them.
-
-    Those are left to the shapes: the effect of a small error of the set-up on torques would else be
-    attributed to E/mu, which shapes determine better.
-
-    Args:
-        information, gradient: information of forces on `MATERIAL`, (4, 4), and its gradient, (4,).
-        expected: information of all else.
-    """
-    ratios = np.array([k for k in range(len(gradient)) if k != MU])
-    turned = RATIOS.T @ information @ RATIOS
-    pull = RATIOS.T @ gradient
-    back = np.linalg.inv(RATIOS)
-    covariance = back @ np.linalg.inv(expected) @ back.T
-    prior = np.linalg.inv(covariance[np.ix_(ratios, ratios)])
-    beside = turned[MU, ratios] @ np.linalg.inv(turned[np.ix_(ratios, ratios)] + prior)
-    result, slope = np.zeros_like(information), np.zeros_like(gradient)
-    result[MU, MU] = max(float(turned[MU, MU] - beside @ turned[ratios, MU]), 0.0)
-    slope[MU] = float(pull[MU] - beside @ pull[ratios])
-    return result, slope
+def _on_mu(parts: Sequence[FloatArray]) -> FloatArray:
+    """Information (4, 4) of forces on ln mu, the sum of that of all ends, (1, 1) each."""
+    return np.diag(max(float(np.sum(parts)), 0.0) * np.eye(len(MATERIAL))[MU])
 
 
 def _fields(
     pairs: Sequence[tuple[Manipulation, int]], at: Settings, given: Settings,
-    set_up: Mapping[str, tuple[float, float]], pool: Pool,
+    set_up: Mapping[str, tuple[float, float]], ratios: FloatArray, pool: Pool,
 ) -> list[WrenchField]:  # fmt: skip
-    """Measured and predicted forces of all recordings, with derivatives."""
+    """Measured and predicted forces of all recordings, with derivatives by ln mu alone.
+
+    Args:
+        ratios: root of the covariance of `RATIOS`, shape (3, 3).
+    """
     sets, sensed = _around(at, set_up), _sensed(at, given)
     tasks = [(recording, one, spans) for recording, spans in pairs for one in sets]
     forecasts = pool.map(_borne, tasks)
@@ -226,7 +210,7 @@ def _fields(
                     recording.name, measured.end,
                 )  # fmt: skip
                 continue
-            derivative, more = _differences(group, measured.end, at, len(set_up))
+            derivative, more = _differences(group, measured.end, at, len(set_up), ratios)
             found = wrench_field(
                 f"{recording.name}, {measured.end}", measured, [int(s) for s in here.stamps],
                 predicted, derivative, sensed, recording.commands, more,
@@ -274,28 +258,26 @@ def _wrench(found: Forecast | None, end: str) -> FloatArray | None:
 
 
 def _differences(
-    group: Sequence[Forecast | None], end: str, at: Settings, numbers: int
+    group: Sequence[Forecast | None], end: str, at: Settings, numbers: int, ratios: FloatArray
 ) -> tuple[FloatArray, list[FloatArray]]:
-    """Derivatives by `MATERIAL` (F, 6, 4), and what each number of the set-up may do (F, 6)."""
+    """Derivative by ln mu with all ratios kept (F, 6, 1), and what these and the set-up's numbers
+    may do, in standard deviations, (F, 6) each.
+    """
     here = _wrench(group[0], end)
     assert here is not None
-    directions = _directions(at)
-    result = np.zeros((*here.shape, len(MATERIAL)))
-    sums = np.zeros_like(here)
-    for k, (direction, size) in enumerate(directions):
+    scale, moves = np.zeros_like(here), np.zeros((*here.shape, len(RATIOS)))
+    for k, (direction, size) in enumerate(_directions(at)):
         above, below = (_wrench(group[1 + 2 * k + s], end) for s in (0, 1))
         if above is None or below is None:
             raise SimulationError("a neighbouring set of parameters cannot be simulated")
         slope = (above - below) / (2.0 * size)
         if direction is TOGETHER[0]:
-            result[:, :, MU] = slope - sums
+            scale = slope
         else:
-            result[:, :, int(np.argmax(direction))] = slope
-            if direction[3] == 0.0:
-                sums += slope
-    more = []
+            moves[:, :, int(np.argmax(RATIOS @ direction))] = slope
+    more = list(np.moveaxis(moves @ ratios, 2, 0))
     for found in group[len(group) - numbers :] if numbers else []:
         moved = _wrench(found, end)
         if moved is not None:
             more.append(moved - here)
-    return result, more
+    return scale[:, :, None], more
