@@ -142,6 +142,23 @@ class ParametricModel:
         """Inverse prior variances, shape (P,)."""
         return np.array([p.std**-2 for p in self.parameters])
 
+    def on_material(self, hessian: FloatArray) -> FloatArray:
+        """Information of data on the logarithms of `MATERIAL`, shape (4, 4), of all parameters.
+
+        All else is integrated out, with its priors.
+
+        Args:
+            hessian: information of the data on the parameters, shape (P, P).
+        """
+        own = np.array([not p.effect for p in self.parameters])
+        others = hessian[~own][:, ~own] + np.diag(self.precision()[~own])
+        cross = hessian[own][:, ~own]
+        place = [MATERIAL.index(p.name) for p in self.parameters if not p.effect]
+        result = np.zeros((len(MATERIAL), len(MATERIAL)))
+        kept = hessian[own][:, own] - cross @ np.linalg.solve(others, cross.T)
+        result[np.ix_(place, place)] = kept
+        return result
+
     def extended(
         self, effect: str, block: dict[str, Any], parameters: Sequence[Parameter]
     ) -> ParametricModel:

@@ -29,7 +29,7 @@ from dlo_ros.identification.force_scale import grip_wrenches
 from dlo_ros.identification.residual_information import STRETCH_STIFFNESS, strain
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast, whitening
 from dlo_ros.inference.joint import field
-from dlo_ros.inference.measured import measured
+from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.inference.observation_operator import ALONG_STD
 from dlo_ros.inference.parallel import Threads
 from dlo_ros.inference.parameter import ParametricModel
@@ -137,23 +137,20 @@ def information(
         Shape (4, 4).
     """
     settings = model.settings
-    seen = [
-        replace(o, control_points=q)
-        for o, q in zip(recording.observations, found.predicted, strict=True)
-    ]
-    shapes = measured(replace(recording, observations=tuple(seen)), settings)
+    shapes = recorded(recording, found, settings)
     residual, jacobian = field(shapes, found.predicted, found.sensitivity, model.chain())
     bins = spectrum(residual, jacobian, settings.rod.control_points)
     weight = 1.0 / observer_variances(settings, noise, bins.parts).of(bins)
-    hessian = np.einsum("b,bpq->pq", weight, bins.hessian)
-    own = np.array([not p.effect for p in model.parameters])
-    others = hessian[~own][:, ~own] + np.diag(model.precision()[~own])
-    cross = hessian[own][:, ~own]
-    kept = hessian[own][:, own] - cross @ np.linalg.solve(others, cross.T)
-    place = _material(model)
-    result = np.zeros((len(MATERIAL), len(MATERIAL)))
-    result[np.ix_(place, place)] = kept
-    return result
+    return model.on_material(np.einsum("b,bpq->pq", weight, bins.hessian))
+
+
+def recorded(recording: Manipulation, found: Forecast, settings: Settings) -> Recording:
+    """A forecast as if it had been observed, without noise."""
+    seen = tuple(
+        replace(o, control_points=q)
+        for o, q in zip(recording.observations, found.predicted, strict=True)
+    )
+    return measured(replace(recording, observations=seen), settings)
 
 
 def observer_variances(settings: Settings, noise: Noise, parts: int) -> Variances:

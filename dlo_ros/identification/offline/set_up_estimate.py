@@ -31,7 +31,7 @@ from dlo_ros.inference.joint import (
     simulate,
 )
 from dlo_ros.inference.joint_fit import ITERATIONS, fit, settled
-from dlo_ros.inference.losses import TO_REPORT, WHITE, misfit
+from dlo_ros.inference.losses import CORRELATED, TO_REPORT, WHITE, misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
@@ -167,9 +167,8 @@ def _averaged(
 ) -> SetUp:
     """The likelier of two models, and the covariance with both."""
     model, settings = at.model, at.model.settings
-    theta, information = logarithms(settings), np.zeros_like(exact.information)
+    theta, information = logarithms(settings), marginal_information(at)
     place = [MATERIAL.index(p.name) for p in model.parameters if not p.effect]
-    information[np.ix_(place, place)] = marginal_information(at)
     rough = 0.0 if settings.rod.diameter_std else 2.0 * DIAMETER_STD
     young_modulus = np.eye(len(MATERIAL))[MATERIAL.index("young_modulus")]
     for shift in (*shifts, *model_shifts(settings, len(MATERIAL)), rough * young_modulus):
@@ -190,15 +189,8 @@ def _averaged(
 
 
 def marginal_information(at: Evaluation) -> FloatArray:
-    """Information of the data on the material, the set-up open with its priors, shape (M, M)."""
-    size = len(at.model.parameters)
-    hessian = np.zeros((size, size))
-    for s, v in zip(at.spectra, at.variances, strict=True):
-        hessian += np.einsum("b,bpq->pq", 1.0 / v.of(s), s.hessian)
-    own = np.array([not p.effect for p in at.model.parameters])
-    others = hessian[~own][:, ~own] + np.diag(at.model.precision()[~own])
-    cross = hessian[own][:, ~own]
-    return np.asarray(hessian[own][:, own] - cross @ np.linalg.solve(others, cross.T))
+    """Information of the data on the material, the set-up open with its priors, shape (4, 4)."""
+    return at.model.on_material(CORRELATED.normal_equations(at)[0])
 
 
 def mixed(
