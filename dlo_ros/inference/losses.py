@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
 import numpy as np
 
 from dlo_ros.inference.joint import Evaluation, Field, Simulated
+from dlo_ros.inference.variances import Variances
 from dlo_ros.spline import FloatArray
 
 CONVERGED = 0.5
@@ -65,6 +66,31 @@ class CorrelatedLoss:
     def least_gain(self, at: Evaluation) -> float:
         """See `Loss`."""
         return self.converged
+
+
+@dataclass(frozen=True)
+class KnownLoss:
+    """Errors are correlated as known variances say, such as those of an observer.
+
+    Args:
+        variances: of each recording.
+    """
+
+    variances: Sequence[Variances]
+    fits_variances: ClassVar[bool] = False
+
+    def normal_equations(self, at: Evaluation) -> tuple[FloatArray, FloatArray]:
+        """See `Loss`."""
+        return CORRELATED.normal_equations(replace(at, variances=tuple(self.variances)))
+
+    def value(self, at: Evaluation, reference: Evaluation) -> float:
+        """See `Loss`."""
+        known = tuple(self.variances)
+        return CORRELATED.value(at, replace(reference, variances=known))
+
+    def least_gain(self, at: Evaluation) -> float:
+        """See `Loss`."""
+        return CONVERGED
 
 
 @dataclass(frozen=True)

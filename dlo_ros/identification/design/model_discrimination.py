@@ -19,35 +19,31 @@ from itertools import permutations
 import numpy as np
 
 from dlo_ros.effects import Scene, Start
-from dlo_ros.errors import SimulationError
 from dlo_ros.identification.design.expected_information import (
     Noise,
     Plan,
     is_reliable,
     mean_response,
     observer_variances,
+    recorded,
 )
 from dlo_ros.identification.design.plausible_explanations import Explanation
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
-from dlo_ros.inference.joint import field
-from dlo_ros.inference.measured import Recording, measured
+from dlo_ros.inference.joint import Simulated, compared, field
+from dlo_ros.inference.joint_fit import fit
+from dlo_ros.inference.losses import KnownLoss
+from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parallel import Threads
 from dlo_ros.inference.parameter import ParametricModel, split_name
 from dlo_ros.inference.priors import cause_priors, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
-from dlo_ros.inference.spectrum import Spectrum, spectrum
-from dlo_ros.inference.variances import Variances, fit_variances, posterior
+from dlo_ros.inference.spectrum import Spectrum
+from dlo_ros.inference.variances import fit_variances, posterior
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 REFITS, SEARCH_REFITS = 10, 1
-"""Simulations by which a rival is fitted at most, and while a manipulation is searched."""
-CONVERGED = 0.5
-"""Expected gain of the log posterior at which a rival's fit ends."""
-POOR = 0.5
-"""Gain over the expected one, below which derivatives are renewed."""
-MARQUARDT_DAMPING, HARDER = 1e-3, 10.0
-"""Marquardt's damping after a step that failed, and its growth with each further one."""
+"""Steps by which a rival is fitted at most, and while a manipulation is searched."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +109,7 @@ def discriminate(
         explanations: rival explanations, two or more.
         noise: measurement noise of the observer.
         spans: knot spans of the simulation; default: as simulation.tolerance asks.
-        refits: simulations by which each rival is fitted at most.
+        refits: steps by which each rival is fitted at most.
 
     Raises:
         SimulationError: one of the explanations cannot be simulated.
@@ -127,21 +123,21 @@ def discriminate(
 
     models = [_model(e, explanations, plain, view) for e in explanations]
     found = Threads().map(lambda m: _forecast(recording, m, spans), models)
-    seen = [_recorded(recording, f, settings) for f in found]
+    seen = [replace(recorded(recording, f, settings), spans=spans) for f in found]
     pairs = list(permutations(range(len(models)), 2))
     fits = Threads().map(
-        lambda pair: _fitted(seen[pair[0]], models[pair[1]], found[pair[1]], noise, spans, refits),
+        lambda pair: _evidence_lost(seen[pair[0]], models[pair[1]], found[pair[1]], noise, refits),
         pairs,
     )
     evidence = np.zeros((len(models), len(models)))
-    for pair, fit in zip(pairs, fits, strict=True):
-        evidence[pair] = fit.loss()
+    for pair, lost in zip(pairs, fits, strict=True):
+        evidence[pair] = lost[0]
     pair = hardest(evidence)
     resolved = not bare.resolution_error > settings.simulation.tolerance  # NaN: not judged
     reliable = resolved and all(is_reliable(f, mean_response(f, settings)) for f in found)
     return Discrimination(
         plan, tuple(e.effect for e in explanations), evidence, found[pair[0]],
-        fits[pairs.index(pair)].predicted, reliable,
+        fits[pairs.index(pair)][1], reliable,
     )  # fmt: skip
 
 
@@ -163,110 +159,39 @@ def _model(
     return model.extended(explanation.effect, dict(explanation.block), causes)
 
 
-def _recorded(recording: Manipulation, found: Forecast, settings: Settings) -> Recording:
-    """A forecast as if it had been observed, without noise."""
-    seen = tuple(
-        replace(o, control_points=q)
-        for o, q in zip(recording.observations, found.predicted, strict=True)
-    )
-    return measured(replace(recording, observations=seen), settings)
+def _evidence_lost(
+    seen: Recording, model: ParametricModel, begin: Forecast, noise: Noise, refits: int
+) -> tuple[float, FloatArray]:
+    """Log evidence that a model loses since it cannot imitate shapes, and its imitation.
 
-
-@dataclass(frozen=True)
-class _Fit:
-    """A model held against noiseless shapes.
+    The loss is that over a model of the same freedom that is right from the beginning. The noise
+    adds its expected squares. Variances are fitted, as those of a recording are, or the observer's
+    where these are likelier: fits keep away from noise far below the largest error.
 
     Args:
-        model: the model with its values.
-        predicted: control points [m], shape (F, n, 4).
-        bins: normal equations.
-        variances: variances of the observer's errors.
-    """
-
-    model: ParametricModel
-    predicted: FloatArray
-    bins: Spectrum
-    variances: Variances
-
-    @property
-    def weight(self) -> FloatArray:
-        """Inverse variance of each bin."""
-        return 1.0 / self.variances.of(self.bins)
-
-    @property
-    def cost(self) -> float:
-        """Minus the log posterior of the model's values."""
-        off = self.model.precision() @ self.model.offset() ** 2
-        return 0.5 * float(self.bins.sum_of_squares @ self.weight + off)
-
-    def equations(self) -> tuple[FloatArray, FloatArray]:
-        """Matrix and right-hand side of the normal equations, prior included."""
-        precision = self.model.precision()
-        lhs = np.einsum("b,bpq->pq", self.weight, self.bins.hessian) + np.diag(precision)
-        return lhs, self.weight @ self.bins.gradient + precision * self.model.offset()
-
-    def loss(self) -> float:
-        """Log evidence that the model loses since it cannot imitate the shapes.
-
-        It is that over a model of the same freedom that is right from the beginning. The noise adds
-        its expected squares. Variances are fitted, as those of a recording are, or the observer's
-        where these are likelier: fits keep away from noise far below the largest error.
-        """
-        model, precision = self.model, self.model.precision()
-        noise = self.bins.count / self.weight
-
-        def evidence(bins: Spectrum, offset: FloatArray) -> float:
-            seen, known = (bins,), (self.variances,)
-            _, fitted = fit_variances(seen, offset, precision, model.settings.rod.length, known)
-            return max(fitted.evidence, posterior(seen, known, offset, precision).evidence)
-
-        right = replace(self.bins, sum_of_squares=noise, gradient=0.0 * self.bins.gradient)
-        wrong = replace(self.bins, sum_of_squares=self.bins.sum_of_squares + noise)
-        offset = model.offset()
-        return evidence(right, 0.0 * offset) - evidence(wrong, offset)
-
-
-def _fitted(
-    seen: Recording, model: ParametricModel, begin: Forecast, noise: Noise, spans: int | None,
-    refits: int,
-) -> _Fit:  # fmt: skip
-    """The fit of a model to noiseless shapes (Levenberg-Marquardt).
-
-    Args:
-        seen: the shapes.
-        model: the model where the fit begins.
+        seen: the shapes, without noise.
+        model: the model where its fit begins.
         begin: its forecast there, with derivatives.
         noise: measurement noise of the observer.
-        spans, refits: see `discriminate`.
+        refits: see `discriminate`.
+
+    Returns:
+        The loss, and control points [m], shape (F, n, 4).
     """
-    n, derived, damping = model.settings.rod.control_points, begin, 0.0
+    here = field(seen, begin.predicted, begin.sensitivity, model.chain())
+    parts = here[0].shape[1] // seen.observed.shape[1]
+    known = (observer_variances(model.settings, noise, parts),)
+    found = compared(Simulated(model, (here,), (begin.err,), (begin.predicted,)), known)
+    found = fit(found, [seen], refits, loss=KnownLoss(known), draft=True)
+    (bins,) = found.spectra
+    offset, precision = found.model.offset(), found.model.precision()
 
-    def held(there: ParametricModel, predicted: FloatArray) -> _Fit:
-        residual, jacobian = field(seen, predicted, derived.sensitivity, there.chain())
-        bins = spectrum(residual, jacobian, n)
-        variances = observer_variances(there.settings, noise, bins.parts)
-        return _Fit(there, predicted, bins, variances)
+    def evidence(bins: Spectrum, offset: FloatArray) -> float:
+        length = model.settings.rod.length
+        _, fitted = fit_variances((bins,), offset, precision, length, known)
+        return max(fitted.evidence, posterior((bins,), known, offset, precision).evidence)
 
-    best, fresh = held(model, begin.predicted), True
-    for _ in range(refits):
-        lhs, rhs = best.equations()
-        step = np.linalg.solve(lhs + damping * np.diag(np.diag(lhs)), rhs)
-        expected = float(step @ rhs) - 0.5 * float(step @ lhs @ step)
-        if expected < CONVERGED:
-            break
-        there = best.model.at(best.model.theta() + step)
-        try:
-            shapes = forecast(seen.manipulation, there.settings, spans=spans).predicted
-            tried = held(there, shapes)
-            gain = best.cost - tried.cost
-        except SimulationError:
-            gain = -np.inf
-        if gain > 0.0:
-            best, damping = tried, damping / HARDER
-        elif fresh:
-            damping = max(HARDER * damping, MARQUARDT_DAMPING)
-        fresh = fresh and gain <= 0.0
-        if gain < POOR * expected and not fresh:
-            derived, fresh = _forecast(seen.manipulation, best.model, spans), True
-            best = held(best.model, best.predicted)
-    return best
+    squares = bins.count * known[0].of(bins)
+    right = replace(bins, sum_of_squares=squares, gradient=0.0 * bins.gradient)
+    wrong = replace(bins, sum_of_squares=bins.sum_of_squares + squares)
+    return evidence(right, 0.0 * offset) - evidence(wrong, offset), found.predicted[0]
