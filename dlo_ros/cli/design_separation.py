@@ -13,7 +13,6 @@ import numpy as np
 
 from dlo_ros.cli.design_purpose import PANELS, Presentation, PresentedExperiment, panel
 from dlo_ros.cli.diagnosis_words import mm, title
-from dlo_ros.diagnosis.explain.cause_naming import NAMED, RIVAL
 from dlo_ros.effects import quantities
 from dlo_ros.effects.registry import check
 from dlo_ros.effects.start import Block
@@ -30,6 +29,7 @@ from dlo_ros.identification.identifiability import enumerated
 from dlo_ros.inference.forecast import forecast
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.inference.thresholds import NAMED, WORTH
 from dlo_ros.parameters import Settings
 from dlo_ros.report.design import Panel
 from dlo_ros.spline import SplineBasis
@@ -176,7 +176,7 @@ class Separation:
             *(f"  {d.gain:6.1f} {certainty(d.gain):<13}  {d.plan.name}" for d in ranking),
         ]
         headline = f"{best.plan.name}: {shown[0].reason}"
-        if best.gain < RIVAL:
+        if best.gain < WORTH:
             headline = (
                 f"No manipulation that was tried separates {self._names}: it makes no difference "
                 "which is named until one of them is measured by itself."
@@ -184,7 +184,7 @@ class Separation:
         general = (
             "The log evidence is that for the true explanation over the other one, fitted instead "
             "with E, mu, damping and the set-up within its tolerances; the less of both "
-            f"directions, and of all pairs. {RIVAL:.0f} is twenty to one, {NAMED:.0f} is 150 to "
+            f"directions, and of all pairs. {WORTH:.0f} is twenty to one, {NAMED:.0f} is 150 to "
             "one, from which diagnose names a cause."
         )
         return Presentation(
@@ -226,7 +226,7 @@ class Separation:
         frame, place = np.unravel_index(int(np.argmax(apart)), apart.shape)
         when = float(d.forecast.stamps[frame] - d.forecast.stamps[0]) * 1e-9
         where = f"{mm(float(apart.max()))} at u = {u[place]:.2f} m, {when:.1f} s after the start"
-        if d.gain < RIVAL:
+        if d.gain < WORTH:
             return (
                 f"It does not separate {true} from {rival} (log evidence {d.gain:.1f}): fitted to "
                 f"its shapes, {rival} differs from them by no more than {where}."
@@ -248,7 +248,7 @@ class Separation:
 
 def certainty(evidence: float) -> str:
     """What a log evidence says of two explanations."""
-    if evidence < RIVAL:
+    if evidence < WORTH:
         return "not separated"
     return "certain" if evidence >= NAMED else "likely"
 

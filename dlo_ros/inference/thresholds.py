@@ -63,7 +63,8 @@ SMALL_SHARE = 0.05
 """Share of a whole below which a part is negligible: effects that only compensate for the law of
 another one, such as a segment for that of a gradient, have taken away a thirtieth of an error."""
 OWN = 1.3
-"""ERR over that of the measurement itself, up to which nothing is left to explain."""
+"""ERR over that of the measurement itself, up to which nothing is left to explain: what a model
+lacks is less than the noise then."""
 FAR = 0.4
 """ERR over that without a cause, below which it is named whatever little of the log evidence is
 lost: errors that die out over time hold slow errors for cheap, however large they are."""
@@ -71,17 +72,18 @@ MOST_LEFT = 0.35
 """Share of the plain model's ERR that may be left where causes are named: where more is, a few
 effects may stand for another one that nobody knows."""
 MOST_LEFT_BY_MANY = 0.5
-"""The same beside a set-up that is off in many ways, where something is always left."""
+"""The same beside a set-up that is off in many ways: something is always left there."""
 
 # The set-up.
 BEYOND = 2.0
-"""Tolerances from neutral, from which a number of the set-up may be a cause."""
+"""Tolerances from neutral, from which a number of the set-up may be a cause: 1 in 22 of those that
+are right within their tolerance."""
 FEW_DEPARTURES = 2
 """Things that depart from neutral for certain, up to which a set-up is off in few ways: of one with
 errors of all kinds seven to nine do."""
 NOTABLE = 0.2
-"""Tolerances from neutral, from which a number of the set-up is off by more than two programs that
-simulate the same DLO differ by."""
+"""Tolerances from neutral, from which a number of the set-up is off: two programs that simulate the
+same DLO differ by less."""
 
 # The measurement.
 TRACKER_ERROR = 0.01
@@ -102,9 +104,10 @@ FEWEST = 10
 """Frames, messages or pictures from which anything is concluded from their scatter: it is known to
 a quarter then."""
 FEWEST_FRAMES = 4
-"""Frames below which an error that dies out cannot be separated from one that stays."""
+"""Frames below which an error that dies out cannot be separated from one that stays: together they
+have three numbers, and the noise a fourth."""
 CHANCE = 0.01
-"""Chance at which something that random numbers do as well is significant."""
+"""Chance at which something that random numbers do as well is significant: the usual 1 in 100."""
 
 # How a recording begins, and when.
 LEAST_DELAY = 0.1
@@ -122,13 +125,16 @@ and fro; and share of the path in one step at most: a picture that is wrong is a
 # What is planned.
 STEEPEST = 0.5
 """Displacement over L for a unit change of ln(E/mu), from which a manipulation is near a snap and
-cannot be relied on."""
+cannot be relied on: where 1 % more moves it by half of that, tolerances of the set-up decide
+where it goes."""
 
 # What was hit.
 UNDISTURBED = 0.1
-"""Share of the pictures that a model must explain, for the others to count as disturbed."""
+"""Share of the pictures that a model must explain, for the others to count as disturbed: where
+fewer are right, something is wrong all the time."""
 UNEXPLAINED_PICTURES = 0.3
-"""Share of the outlier pictures that a peg may leave unexplained at most."""
+"""Share of the outlier pictures that a peg may leave unexplained: its place is rough yet, and
+simulations judge it after that."""
 SLACK = 1.5e-3
 """Depth [m] by which an observed shape may seem to reach into a peg or wall: noise, and the
 spline's own error."""

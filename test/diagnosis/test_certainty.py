@@ -12,7 +12,6 @@ from dlo_ros.diagnosis.explain import certainty
 from dlo_ros.diagnosis.explain.candidate_trials import fitted as fitted_model
 from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.certainty import (
-    BEYOND,
     beyond,
     certain,
     tolerances_off,
@@ -22,6 +21,7 @@ from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.diagnosis.proposals.linear_evidence import freed, proposal_of, with_proposals
 from dlo_ros.effects import Start, starts
+from dlo_ros.inference.thresholds import BEYOND
 
 PEG = {"x": 0.1, "z": -0.1, "radius": 0.01}
 TOLERANCE = np.radians(3.0)  # of a clamp's direction

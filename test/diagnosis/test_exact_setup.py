@@ -9,7 +9,6 @@ import pytest
 from experiment_recordings import moving
 
 from dlo_ros.diagnosis.explain import exact_setup
-from dlo_ros.diagnosis.explain.candidate_trials import WORTH
 from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.exact_setup import beside_exact_set_up, exact, opened
 from dlo_ros.diagnosis.explain.joint_explanation import explain
@@ -17,6 +16,7 @@ from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.diagnosis.proposals.linear_evidence import freed
 from dlo_ros.inference.priors import SLAB
+from dlo_ros.inference.thresholds import WORTH
 
 TURN = np.radians(1.5)  # half of the tolerance of a clamp
 

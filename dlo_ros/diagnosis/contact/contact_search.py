@@ -44,7 +44,7 @@ from dlo_ros.spline import FloatArray
 EFFECTS = {Obstacle.name, StraightWall.name}
 RADII = (0.012, 0.006, 0.024)
 """Radii of the pegs that are tried, from a nail to a pipe [m]; the fit finds the true one."""
-SIMULATED, APART = 20, 0.02
+SIMULATED, DISTANCE = 20, 0.02
 """Number of places that are simulated, and their smallest distance over the length."""
 NEAREST, NEAR, NEARER = 3, 0.05, 0.006
 """Number of best places near which others are simulated, their largest distance from these, and
@@ -197,7 +197,7 @@ def _contacts(
 def _best_pegs(hit: _Disturbed, view: Sight) -> list[tuple[float, TouchedPeg]]:
     """The pegs that leave least, at places that are looked at ever more closely."""
     likely, length = _likely(view), hit.given.rod.length
-    tried = hit.losses(apart(likely, APART * length, SIMULATED))
+    tried = hit.losses(apart(likely, DISTANCE * length, SIMULATED))
     tried.sort(key=lambda t: t[0])
     for _, peg in tried[:NEAREST]:
         near = [p for p in likely if np.hypot(p.x - peg.x, p.z - peg.z) < NEAR * length]
@@ -228,7 +228,7 @@ def _first_of_each(
 def plausible_pegs(view: Sight) -> list[Start]:
     """The likeliest pegs by geometry alone, without a simulation."""
     length = view.rod.length
-    best = apart(_likely(view), APART * length, BEGUN)
+    best = apart(_likely(view), DISTANCE * length, BEGUN)
     return [replace(p.start(view.rod.diameter), form=f"peg {k}") for k, p in enumerate(best, 1)]
 
 

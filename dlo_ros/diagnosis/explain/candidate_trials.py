@@ -25,6 +25,7 @@ from dlo_ros.inference.joint_fit import approached, fit
 from dlo_ros.inference.losses import WHITE
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
+from dlo_ros.inference.thresholds import MUCH_LARGER, PROMISING, SAME_GAIN, WORTH
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -32,14 +33,8 @@ LOG = logging.getLogger(__name__)
 Trial = tuple[Evaluation, Proposal]
 """A model fitted with a proposal, and the proposal."""
 
-WORTH = 3.0
-"""Gain in log evidence for which a cause is added: twenty to one."""
 CHECKED = 10
-NEAR = 0.3
-"""Proposals that are simulated in a step, those with the largest predicted gain, and their share of
-the largest: the prediction is linear, and no better than that."""
-WORSE = 2.0
-"""ERR over that without a proposal, from which no fit begins at the predicted values."""
+"""Proposals that are simulated in a step at most, those with the largest predicted gain."""
 SHARES = (1.0, 0.5)
 """Shares of the way to the predicted model that are simulated, of an effect that begins at a finite
 size."""
@@ -53,11 +48,6 @@ STEPS = 4
 TRIALS = 3
 """Proposals that are fitted: those of different effects that come nearest, and that of the largest
 predicted gain."""
-ALIKE = 0.01
-"""Share of the gain in log evidence, up to which trials gain alike: no law is more exact than that,
-and two effects may differ by less, such as a damping and a creep that soon dies out."""
-LOWERS = 0.1
-"""Share of ERR that a cause must take away to be named."""
 FIRST_ITERATIONS, FIT_ITERATIONS = 4, 12
 """Iterations of each proposal, and of the best of them."""
 
@@ -101,7 +91,7 @@ def best_trial(
     for origin, predictions in offers:
         for k, predicted in enumerate(predictions):
             name = predicted.proposal.label
-            if k >= CHECKED or predicted.gain < max(WORTH, NEAR * predictions[0].gain):
+            if k >= CHECKED or predicted.gain < max(WORTH, PROMISING * predictions[0].gain):
                 trace.append(Step(number, name, predicted.gain, None, "predicted to gain less"))
                 continue
             try:
@@ -121,7 +111,7 @@ def best_trial(
     begun: list[Trial] = []
     for k, (err, predicted) in enumerate(checked):
         name = predicted.proposal.label
-        if k >= TRIALS or err > WORSE * at.mean_err:
+        if k >= TRIALS or err > MUCH_LARGER * at.mean_err:
             outcome = "others come nearer" if k >= TRIALS else "makes matters worse"
             trace.append(Step(number, name, predicted.gain, err, outcome))
             continue
@@ -171,7 +161,7 @@ def _various(checked: Sequence[tuple[float, PredictedGain]]) -> list[tuple[float
 def _best_first(begun: Sequence[Trial], at: Evaluation) -> list[Trial]:
     """Trials by their log evidence; of those that gain alike, the nearest to the shapes first."""
     most = max((trial[0].posterior.evidence for trial in begun), default=0.0)
-    least = most - ALIKE * (most - at.posterior.evidence)
+    least = most - SAME_GAIN * (most - at.posterior.evidence)
 
     def order(trial: Trial) -> tuple[bool, float]:
         evidence = trial[0].posterior.evidence

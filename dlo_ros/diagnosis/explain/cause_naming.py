@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import ALIKE, LOWERS, NEAR, STEPS, fitted
+from dlo_ros.diagnosis.explain.candidate_trials import STEPS, fitted
 from dlo_ros.diagnosis.explain.cause_search import (
-    INDISPENSABLE,
     Offer,
     Search,
     linear_loss,
@@ -28,17 +27,18 @@ from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import approached
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import split_name
+from dlo_ros.inference.thresholds import (
+    FAR,
+    INDISPENSABLE,
+    LOWERS,
+    NAMED,
+    PROMISING,
+    SAME_GAIN,
+    WORTH,
+)
 
 LOG = logging.getLogger(__name__)
 
-NAMED = 5.0
-"""Loss of log evidence without a cause, from which it is named: 150 to one. Of one that is no part
-of every set-up, but one of K effects that were tried, ln K more."""
-FAR = 0.4
-"""ERR over that without a cause, below which it is named whatever little of the log evidence is
-lost: errors that die out over time hold slow errors for cheap, however large they are."""
-RIVAL = 3.0
-"""Log evidence by which a rival may be worse, at least; see `candidate_trials.ALIKE`."""
 RIVAL_FITS = 2
 Bares = dict[str, Evaluation | None]
 """Fits without single causes, by the causes' labels; None where nothing could be simulated."""
@@ -70,6 +70,9 @@ def _loss_without(at: Evaluation, bare: Evaluation) -> float:
 
 def _needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[Start]) -> bool:
     """Whether the best model without a cause is clearly worse, see `NAMED` and `FAR`.
+
+    Of a cause that is no part of every set-up, but one of K effects that were tried, ln K more of
+    the log evidence must be lost.
 
     Args:
         bare: the fit without it.
@@ -192,12 +195,12 @@ def _rivals(
 ) -> dict[str, Block]:  # fmt: skip
     """Effects that explain the data as well where a group is at neutral, with their values."""
     loss = _loss_without(at, bare)
-    missing = loss - max(RIVAL, ALIKE * loss)
+    missing = loss - max(WORTH, SAME_GAIN * loss)
     result: dict[str, Block] = {}
     fits = 0
     for predicted in ranked_proposals(bare, offer, smooth=True):
         effect = predicted.proposal.effect
-        if effect == group.effect or effect in result or predicted.gain < NEAR * missing:
+        if effect == group.effect or effect in result or predicted.gain < PROMISING * missing:
             continue
         if fits >= RIVAL_FITS:
             break

@@ -16,9 +16,7 @@ import numpy as np
 
 from dlo_ros.diagnosis.explain.candidate_trials import (
     FIT_ITERATIONS,
-    LOWERS,
     STEPS,
-    WORTH,
     Step,
     Trial,
     best_gain,
@@ -26,7 +24,7 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     fitted,
 )
 from dlo_ros.diagnosis.explain.certainty import is_beyond, tolerances_off
-from dlo_ros.diagnosis.explain.measurement_error import OWN, own_err
+from dlo_ros.diagnosis.explain.measurement_error import own_err
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     Extra,
     PredictedGain,
@@ -47,14 +45,12 @@ from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import SLAB
+from dlo_ros.inference.thresholds import INDISPENSABLE, LOWERS, OWN, WORTH
 from dlo_ros.inference.variances import posterior
 
 LOG = logging.getLogger(__name__)
 
 MOST_CAUSES = 6
-INDISPENSABLE = 10.0 * WORTH
-"""Loss of log evidence without a cause by the linearised posterior, from which no fit without it
-need be tried."""
 EXCHANGES = 2
 """Numbers of the set-up that are exchanged for effects in a search."""
 

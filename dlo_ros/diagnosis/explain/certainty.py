@@ -13,22 +13,13 @@ from dlo_ros.effects import effects, quantities
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.parameter import Parameter, split_name
 from dlo_ros.inference.priors import SLAB
+from dlo_ros.inference.thresholds import BEYOND, CERTAIN, NOTABLE
 from dlo_ros.spline import FloatArray
 
-CERTAIN = 3.0
-"""Standard deviations from neutral, from which a cause is named."""
 SCALES = ("young_modulus", "density")
 """Parameters to which the size of a cause is proportional: their uncertainty makes its presence no
 less certain. A force on a DLO that was not weighed is known as a share of the weight, a
 mass on one of unknown stiffness likewise."""
-BEYOND = 2.0
-"""Tolerances from neutral, from which a number of the set-up may be a cause."""
-FEW = 2
-"""Things that depart from neutral for certain, up to which a set-up is off in few ways: of one with
-errors of all kinds seven to nine do."""
-NOTABLE = 0.2
-"""Tolerances from neutral, from which a number of the set-up is off by more than two programs that
-simulate the same DLO differ by."""
 
 
 def beyond(at: Evaluation, covariance: FloatArray | None = None) -> list[Proposal]:

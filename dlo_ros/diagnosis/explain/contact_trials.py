@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
-from dlo_ros.diagnosis.explain.candidate_trials import LOWERS, Trial, best_gain, fitted, gains
+from dlo_ros.diagnosis.explain.candidate_trials import Trial, best_gain, fitted, gains
 from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of, with_proposals
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.effects.start import Block
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.thresholds import LOWERS
 
 Rivals = Mapping[str, Block]
 """Effects that explain the data as well in the place of a cause, with the values of their keys."""

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import WORTH, Trial, best_trial
+from dlo_ros.diagnosis.explain.candidate_trials import Trial, best_trial
 from dlo_ros.diagnosis.explain.cause_search import Search, offered, ranked_proposals, search
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects import Start
@@ -23,16 +23,13 @@ from dlo_ros.inference.joint import Evaluation, evaluate
 from dlo_ros.inference.joint_fit import settled
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.thresholds import FEWEST_FRAMES
+from dlo_ros.inference.thresholds import FEWEST_FRAMES, MUCH_LARGER, WORTH
 from dlo_ros.inference.variances import posterior
 
 LOG = logging.getLogger(__name__)
 
 TIGHT = 1e-4
 """Prior standard deviation of such a set-up's numbers, in tolerances: less than shapes tell."""
-BLURRED, COLOURED = 2.0, 0.5
-"""Errors of the measurement that are not white over those that are: from where no set-up can be
-told to be that precise, and up to where nothing but noise is left."""
 
 
 def exact(model: ParametricModel) -> ParametricModel:
@@ -73,11 +70,11 @@ def beside_exact_set_up(
         where there are several frames.
     """
     separable = all(len(r.times) >= FEWEST_FRAMES for r in recordings)
-    if not separable or _coloured(found.at) > BLURRED:
+    if not separable or _coloured(found.at) > MUCH_LARGER:
         return None
     try:
         there = replace(found, at=_fitted(found.at.model, recordings), offer=None)
-        if _coloured(there.at) > COLOURED:
+        if not _white(there.at):
             alone = _fitted(meant if contact is None else contact[0].model, recordings)
             known = None if contact is None else contact[1]
             there = _searched(alone, recordings, begun, enough, known)
@@ -119,7 +116,7 @@ def _searched(
         return Search(alone, (), tuple(trace), None)
     there = beside(*first)
     trace += there.trace
-    if len(there.causes) == 1 and _coloured(there.at) > COLOURED:
+    if len(there.causes) == 1 and not _white(there.at):
         others = [p for p in ranked if p.proposal.effect != there.causes[0].effect]
         other, steps = best_trial(1, there.at, [(alone, others)], recordings)
         trace += steps
@@ -127,6 +124,11 @@ def _searched(
             there = beside(*other)
             trace += there.trace
     return replace(there, trace=tuple(trace))
+
+
+def _white(at: Evaluation) -> bool:
+    """Whether nothing but noise is left."""
+    return _coloured(at) <= 1.0 / MUCH_LARGER
 
 
 def _coloured(at: Evaluation) -> float:

@@ -9,22 +9,19 @@ from dataclasses import dataclass, field, replace
 
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
 from dlo_ros.diagnosis.explain.candidate_trials import (
-    LOWERS,
     STEPS,
-    WORTH,
     Step,
     Trial,
     fitted,
     gains,
 )
-from dlo_ros.diagnosis.explain.cause_naming import FAR, Cause, named, without_needless
+from dlo_ros.diagnosis.explain.cause_naming import Cause, named, without_needless
 from dlo_ros.diagnosis.explain.cause_search import (
     Search,
     search,
     without,
 )
 from dlo_ros.diagnosis.explain.certainty import (
-    FEW,
     SCALES,
     beyond,
     beyond_for_certain,
@@ -34,7 +31,7 @@ from dlo_ros.diagnosis.explain.certainty import (
 from dlo_ros.diagnosis.explain.contact_trials import Contact, best_contact
 from dlo_ros.diagnosis.explain.exact_setup import beside_exact_set_up
 from dlo_ros.diagnosis.explain.far_starts import best_far_start
-from dlo_ros.diagnosis.explain.measurement_error import OWN, material_err, own_err
+from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Scene, Start, starts
 from dlo_ros.inference.joint import Evaluation, evaluate, simulate
@@ -43,20 +40,21 @@ from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.inference.priors import believed, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
-from dlo_ros.inference.thresholds import FEWEST_FRAMES
+from dlo_ros.inference.thresholds import (
+    FAR,
+    FEW_DEPARTURES,
+    FEWEST_FRAMES,
+    LOWERS,
+    MOST_LEFT,
+    MOST_LEFT_BY_MANY,
+    OWN,
+    SMALL_SHARE,
+    WORTH,
+)
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
-
-MENDS = 0.05
-"""Share of the plain model's ERR beyond the measurement's own error, up to which an effect may only
-compensate for the law of another one, such as a segment for that of a gradient: true causes have
-taken away a tenth and more, such effects a thirtieth."""
-LEFT, LEFT_BY_MANY = 0.35, 0.5
-"""Share of the plain model's ERR that may be left where causes are named: where more is, a few
-effects may stand for another one that nobody knows. Beside a set-up that is off in many ways
-something is always left."""
 
 
 @dataclass(frozen=True)
@@ -217,7 +215,7 @@ def _concluded(
     own = own_err(found.at, recordings)
     material = material_err(own, given)
     missed = LOWERS * (setup.mean_err - own)
-    least = max(missed, MENDS * (prepared.plain_err - own))
+    least = max(missed, SMALL_SHARE * (prepared.plain_err - own))
     causes, shifts = named(found, bares, recordings, begun, OWN * own, least, exact=exact)
     if contact is not None:
         causes = tuple(_beside(c, contact) for c in causes)
@@ -256,10 +254,10 @@ def _no_stand_ins(
 
     Of a few shapes each of many effects explains most: what is told is that one of them acts.
     """
-    many = departures(found.at, found.causes) > FEW
+    many = departures(found.at, found.causes) > FEW_DEPARTURES
     if not many and all(len(r.times) < FEWEST_FRAMES for r in prepared.recordings):
         return tuple(c for c in causes if c.rivals)
-    most = LEFT_BY_MANY if many else LEFT
+    most = MOST_LEFT_BY_MANY if many else MOST_LEFT
     return () if found.at.mean_err > most * prepared.plain_err else causes
 
 

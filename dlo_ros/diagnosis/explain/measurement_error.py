@@ -13,28 +13,14 @@ from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.measured import Recording, spline_space
 from dlo_ros.inference.scene import free_ends
 from dlo_ros.inference.spectrum import Spectrum
-from dlo_ros.inference.thresholds import FEWEST_FRAMES
+from dlo_ros.inference.thresholds import APART, FEWEST_FRAMES, OWN, STAYING_SHARE, TRACKER_ERROR
 from dlo_ros.inference.variances import REPEATED_STD, Variances
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
-OWN = 1.3
-"""ERR over that of the measurement itself, up to which nothing is left to explain."""
-LARGEST = 0.01
-"""Largest error over the length that counts as the measurement's own, of those that are new in
-every picture: no tracker that deserves the name errs more, and where the DLO moves far between two
-pictures what a model lacks is new in each as well. Errors that stay are no larger than those of
-careful calibrations, `REPEATED_STD`; but where u is counted from a free end that is seen too early
-or too late, it is off by ever more towards that end."""
 TINY = 1e-300
 ALONG = 1
 """Direction along the DLO; see `spectrum`."""
-STILL = 0.1
-"""Share of the error that stays which counts as the measurement's where the DLO does not move:
-there nothing tells it from an error of the model."""
-ALIKE = 3.0
-"""The measurement's own error in a recording over the median of the others', at most: one tracker
-errs alike in all, and what one recording alone shows beyond that is the DLO's, as an impact is."""
 
 
 def material_err(own: float, given: Settings) -> float:
@@ -47,13 +33,17 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
 
     The latter are taken as each recording shows them, since few numbers cause them: their
     variance is that of all recordings together. The error of u that measured points leave open
-    counts as each recording shows it, too. None counts for more than `ALIKE` of the others in
-    which the DLO moves, of those with as many free ends where there are any. Where there are none,
-    that error of u is left out of the comparison: it is a free end's.
+    counts as each recording shows it, too. Errors that are new in every picture count up to
+    `TRACKER_ERROR`: where the DLO moves far between two pictures what a model lacks is new in each
+    as well. Errors that stay are no larger than those of careful calibrations, `REPEATED_STD`; but
+    where u is counted from a free end that is seen too early or too late, it is off by ever more
+    towards that end. None counts for more than `APART` times the others in which the DLO moves,
+    since one tracker errs alike in all, of those with as many free ends where there are any. Where
+    there are none, that error of u is left out of the comparison: it is a free end's.
     """
     found, slides, telling, kinds = [], [], [], []
     length = at.model.settings.rod.length
-    most = (LARGEST * length) ** 2
+    most = (TRACKER_ERROR * length) ** 2
     for (residual, _), variances, s, recording, predicted in zip(
         at.fields, at.variances, at.spectra, recordings, at.predicted, strict=True
     ):
@@ -67,7 +57,7 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
         staying[ALONG] += _credible(stretched, most)
         moved = recording.observed - recording.observed.mean(axis=0)
         still = np.mean(np.sum(moved**2, axis=2)) < np.sum(staying)
-        own = (STILL if still else 1.0) ** 2 * staying
+        own = (STAYING_SHARE if still else 1.0) ** 2 * staying
         variance = np.minimum(_noise(variances, recording), most) + own
         found.append(variance)
         slides.append(0.0)
@@ -81,9 +71,9 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
         others = np.array(telling) & (np.arange(len(found)) != k)
         alike = others & (np.array(kinds) == kinds[k])
         if alike.any():
-            owns.append(min(whole[k], ALIKE * float(np.median(np.array(whole)[alike]))))
+            owns.append(min(whole[k], APART * float(np.median(np.array(whole)[alike]))))
         elif others.any():
-            share = min(1.0, ALIKE * float(np.median(np.array(bare)[others])) / bare[k])
+            share = min(1.0, APART * float(np.median(np.array(bare)[others])) / bare[k])
             owns.append(_size(share**2 * found[k], slides[k]))
         else:
             owns.append(whole[k])

@@ -19,11 +19,9 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, borrowed
 from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.thresholds import MUCH_LARGER
 from dlo_ros.spline import FloatArray
 
-UNCONFIRMED = 2.0
-"""Factor by which a std must be too small before it grows: less may be an accident of the
-simulation's steps. The distances that are tried grow by its square."""
 LONGEST = 256.0
 """Largest distance that is tried, in std."""
 
@@ -61,6 +59,9 @@ def confirmed(at: Evaluation, recordings: Sequence[Recording], names: Iterable[s
 def factor_along(at: Evaluation, recordings: Sequence[Recording], weights: FloatArray) -> float:
     """Factor, at least 1, by which the std of parameters that move together must grow.
 
+    It grows where it is much too small: less may be an accident of the simulation's steps. The
+    distances that are tried grow by the square of that.
+
     Args:
         weights: direction of their move, shape (P,).
     """
@@ -72,10 +73,10 @@ def factor_along(at: Evaluation, recordings: Sequence[Recording], weights: Float
         if loss is None:
             break
         shorter = np.sqrt(2.0 * max(loss, 0.0))  # the distance that loses as much, in std
-        if shorter >= 1.0 / UNCONFIRMED:
+        if shorter >= 1.0 / MUCH_LARGER:
             return max(1.0, distance / float(shorter))
-        distance *= UNCONFIRMED**2
-    return max(1.0, distance / UNCONFIRMED**2)
+        distance *= MUCH_LARGER**2
+    return max(1.0, distance / MUCH_LARGER**2)
 
 
 def _loss(at: Evaluation, recordings: Sequence[Recording], step: FloatArray) -> float | None:

@@ -11,6 +11,7 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import Gain
 from dlo_ros.diagnosis.fitting.initial_fit import fitted
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.thresholds import APART
 from dlo_ros.spline import FloatArray
 
 TRAINED = 0.6
@@ -19,8 +20,6 @@ BLOCK = 10
 DRAWS = 500
 SPARE = 3
 """Recordings, from which one of them is held out whole."""
-FASTER = 3.0
-"""Speed of that recording over that of the fastest other at most."""
 
 
 def refitted(
@@ -65,7 +64,7 @@ def _blocks(frames: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def held_out_recording(recordings: Sequence[Recording]) -> int | None:
-    """The recording to be held out: the last that is gripped as another is and moves no faster.
+    """The recording to be held out: the last gripped as another is that moves not much faster.
 
     An error that shows only where the DLO is gripped otherwise, or moves, could not be predicted.
     """
@@ -75,7 +74,7 @@ def held_out_recording(recordings: Sequence[Recording]) -> int | None:
     speeds = [_speed(r) for r in recordings]
     for k in reversed(range(len(recordings))):
         others = [speeds[i] for i, g in enumerate(grips) if i != k and g == grips[k]]
-        if others and speeds[k] <= FASTER * max(others):
+        if others and speeds[k] <= APART * max(others):
             return k
     return None
 

@@ -24,17 +24,13 @@ from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import TO_REPORT
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.thresholds import APART, FEWEST
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 Errors = list[FloatArray] | None
 
-FEWEST = 10
-"""Frames, from which the end of a recording can be predicted from its beginning."""
 FINAL_ITERATIONS = 8
-SURPRISING = 3.0
-"""ERR on the recording that is held out over that on the others, from which it shows what they do
-not."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +152,7 @@ def surprising(training: TrainingSet, learned: Learned) -> bool:
     held, seen = holdout.mean(learned.held), holdout.mean(learned.seen)
     if held is None or seen is None:
         return True
-    return held > SURPRISING * max(seen, learned.explanation.material_err)
+    return held > APART * max(seen, learned.explanation.material_err)
 
 
 def nearer(learned: Learned, other: Learned) -> bool:

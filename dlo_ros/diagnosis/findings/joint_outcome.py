@@ -12,7 +12,7 @@ import numpy as np
 from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.exact_setup import opened
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation, still_certain
-from dlo_ros.diagnosis.explain.measurement_error import OWN, material_err, own_err
+from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.findings.confirmed_uncertainty import Widening, confirmed
 from dlo_ros.diagnosis.findings.diagnosis_outcome import (
@@ -42,6 +42,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, Simulated, simulate
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.thresholds import OWN
 from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)

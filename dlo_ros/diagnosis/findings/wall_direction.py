@@ -12,12 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.diagnosis.explain.candidate_trials import fitted
-from dlo_ros.diagnosis.explain.cause_naming import RIVAL
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.thresholds import WORTH
 from dlo_ros.spline import FloatArray
 
 WALL = OFFSET, ANGLE = tuple(f"effects.{StraightWall.name}.{key}" for key in ("offset", "angle"))
@@ -41,7 +41,7 @@ def wall_factors(at: Evaluation, recordings: Sequence[Recording]) -> dict[str, f
     std = float(np.sqrt(at.posterior.covariance[angle, angle]))
     for turn in TURNS:
         loss = min(_loss(at, recordings, side * turn) for side in (1.0, -1.0))
-        if loss < RIVAL:
+        if loss < WORTH:
             factor = max(1.0, turn / float(np.sqrt(2.0 * max(loss, LEAST_LOSS))) / std)
             # Its place along the normal changes with it, and is known no better.
             return {OFFSET: factor, ANGLE: factor}

@@ -21,20 +21,21 @@ from dlo_ros.inference.joint import Evaluation, compared, field, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import TO_REPORT
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.thresholds import IMMATERIAL
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 ROUNDS = 3
 """Simulations at most, each with time steps shorter by `STEP_COARSER` and twice the knot spans."""
-IMMATERIAL = 0.3
-"""Error that is left, in standard deviations of the combination of numbers that it moves most,
-below which it does not matter: E/mu is known far better than E."""
 
 
 def without_own_error(
     at: Evaluation, recordings: Sequence[Recording]
 ) -> tuple[Evaluation, Sequence[Recording]]:
     """The fit without its simulation's error, and the recordings with what is compared then.
+
+    What is left is immaterial in standard deviations of the combination of numbers that it moves
+    most: E/mu is known far better than E.
 
     Args:
         at: fit to all of the recordings.

@@ -43,7 +43,7 @@ noise allows: nothing finer is judged."""
 IN_TIME = 0.3
 """Share of that error that time steps may have: they damp, in all pictures alike."""
 SPACE_ROUNDS = 5
-WORTH = 0.7
+FALLS = 0.7
 """Error over that with fewer knot spans, below which more of them are worth their time."""
 DRAFT_SPANS = 2
 """Knot spans of a draft's simulation over those of the observed spline."""
@@ -279,7 +279,7 @@ def _in_space(
         if coarse is not None:
             apart = unit.white(shapes[..., :3] - coarse[1][..., :3])
             error = float(np.sqrt(np.mean(np.sum(apart**2, axis=1)))) / model.settings.rod.length
-            if error < WORTH * least:
+            if error < FALLS * least:
                 best, least = coarse[0], error
             if least < tolerance:
                 break

@@ -16,7 +16,6 @@ import numpy as np
 
 from dlo_ros.diagnosis.contact.contact_search import plausible_pegs
 from dlo_ros.diagnosis.contact.peg_places import sight
-from dlo_ros.diagnosis.explain.cause_naming import NAMED
 from dlo_ros.diagnosis.explain.certainty import beyond, certain
 from dlo_ros.diagnosis.explain.measurement_error import material_err
 from dlo_ros.diagnosis.proposals.linear_evidence import (
@@ -47,7 +46,7 @@ from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import joint_model, material_priors
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.spectrum import spectrum
-from dlo_ros.inference.thresholds import CLEARLY_LESS
+from dlo_ros.inference.thresholds import CLEARLY_LESS, NAMED
 from dlo_ros.inference.variances import fit_variances
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
