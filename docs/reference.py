@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Writes the tables of parameters into these pages, from the tables that the package uses.
+"""Writes tables of parameters and thresholds into these pages, from those that the package uses.
 
     make reference
 
@@ -8,12 +8,16 @@ A page holds its table between two comments, `<!-- begin NAME -->` and `<!-- end
 
 from __future__ import annotations
 
+import ast
+import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping
+from itertools import pairwise
 from pathlib import Path
 
 from dlo_ros.effects import effects
 from dlo_ros.file_parameter import NODES, FileParameter
+from dlo_ros.inference import thresholds
 from dlo_ros.parameter_table import PARAMETERS
 
 UNITS = {"m": "L", "1/m": "/L", "kg": "rope masses", "N/m": "of the weight per length"}
@@ -112,14 +116,25 @@ def all_effects() -> str:
     )
 
 
+def all_thresholds() -> str:
+    """Every threshold, with what it decides and why."""
+    rows = []
+    for assigned, text in pairwise(ast.parse(inspect.getsource(thresholds)).body):
+        if isinstance(assigned, ast.Assign):
+            name, words = ast.unparse(assigned.targets[0]), ast.literal_eval(ast.unparse(text))
+            rows.append((f"`{name}`", f"{getattr(thresholds, name):g}", " ".join(words.split())))
+    return table(("name", "value", "what it decides, and why"), rows)
+
+
 TABLES: Mapping[str, Callable[[], str]] = {
     "parameters": all_parameters,
     "effects": all_effects,
+    "thresholds": all_thresholds,
     "observer_parameters": lambda: parameters_of("observer"),
     "simulator_parameters": lambda: parameters_of("simulator"),
     "identifier_parameters": lambda: parameters_of("identifier"),
 }
-PAGES = ("parameters.md", *(f"nodes/{node}.md" for node in NODES))
+PAGES = ("parameters.md", "thresholds.md", *(f"nodes/{node}.md" for node in NODES))
 
 
 def renewed(text: str) -> str:
