@@ -54,8 +54,8 @@ UNBOUNDED = 1.0
 
 # Errors of shapes (ERR), one over another.
 CLEARLY_LESS = 0.8
-"""Error over another one, below which it is clearly less: by the error of a linear model alone one
-comes within a twentieth of another."""
+"""Error over another one, below which it is clearly less: fits that end in one minimum, some of
+them early, differ by less."""
 LOWERS = 0.1
 """Share of ERR that a cause must take away to be named: true causes have taken away a tenth and
 more."""

@@ -46,7 +46,7 @@ from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import joint_model, material_priors
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.spectrum import spectrum
-from dlo_ros.inference.thresholds import CLEARLY_LESS, NAMED
+from dlo_ros.inference.thresholds import LOWERS, NAMED
 from dlo_ros.inference.variances import fit_variances
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
@@ -153,7 +153,7 @@ def suspects(past: Manipulation, settings: Settings, spans: int, noise: float) -
         known = max(plain.evidence(settings), joint.evidence(settings))
         for other in sorted(found, key=lambda h: h.err)[:WEIGHED]:
             yield LONG
-            if other.err < CLEARLY_LESS * joint.err and other.evidence(settings) > known + NAMED:
+            if other.err < (1.0 - LOWERS) * joint.err and other.evidence(settings) > known + NAMED:
                 share = 1.0 - other.err / plain.err
                 shares[other.effect] = max(shares.get(other.effect, 0.0), share)
     ranked = sorted(shares.items(), key=lambda item: -item[1])[:SHOWN]
@@ -184,7 +184,7 @@ def _far_off(at: Evaluation) -> dict[str, float]:
     for group in beyond(at):
         held = at.model.with_prior([p.held() for p in group.parameters])
         _, without = least(at.fields, held.offset(), held.precision())
-        if certain(at, group) and at.mean_err < CLEARLY_LESS * without:
+        if certain(at, group) and at.mean_err < (1.0 - LOWERS) * without:
             shares[group.effect] = 1.0 - at.mean_err / without
     return shares
 
