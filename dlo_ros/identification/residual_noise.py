@@ -6,13 +6,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from dlo_ros.inference.forecast import whitening
 from dlo_ros.inference.thresholds import FEWEST
 from dlo_ros.observation import Observation
 from dlo_ros.spline import FloatArray, SplineBasis
 
-DIFFERENCE_ORDERS = (2, 4, 6)
+DIFFERENCE_ORDERS = (2, 4, 6)  # in time: a smooth residual enters them less and less
 DECAYED = 0.05  # correlation below which the rest of it is not summed
 STILL = 1e-3  # mean square of a coordinate over the largest, below which it is not measured
 
@@ -61,7 +62,7 @@ def frame_scatter(observations: Sequence[Observation], length: float) -> float |
     stamps = np.array([o.stamp - observations[0].stamp for o in observations]) * 1e-9
     found = []
     for order in DIFFERENCE_ORDERS:
-        gap = _divided_differences(shapes, stamps, order)
+        gap = divided_differences(shapes, stamps, order)
         squares = np.sum(gap**2, axis=1)  # (F - order, 3): mean square along u
         seen = squares.mean(axis=0)
         # A planar recording has two noisy coordinates.
@@ -73,16 +74,22 @@ def frame_scatter(observations: Sequence[Observation], length: float) -> float |
     return float(np.sqrt(typical)) if typical > 1e-18 else None
 
 
-def _divided_differences(shapes: FloatArray, stamps: FloatArray, order: int) -> FloatArray:
-    """Differences over neighbouring frames, exact for polynomials, with the noise of one frame."""
-    result = np.empty((len(shapes) - order, *shapes.shape[1:]))
-    for k in range(len(result)):
-        t = stamps[k : k + order + 1]
-        t = (t - t[0]) / (t[-1] - t[0])
-        weights = np.array([1.0 / np.prod(x - np.delete(t, i)) for i, x in enumerate(t)])
-        weights /= np.linalg.norm(weights)
-        result[k] = np.tensordot(weights, shapes[k : k + order + 1], axes=1)
-    return result
+def divided_differences(values: FloatArray, times: FloatArray, order: int) -> FloatArray:
+    """Differences over neighbouring frames, exact for polynomials, with the noise of one frame.
+
+    Args:
+        values: shape (F, ...).
+        times: growing, shape (F,).
+
+    Returns:
+        Shape (F - order, ...).
+    """
+    t = sliding_window_view(times, order + 1)
+    t = (t - t[:, :1]) / (t[:, -1:] - t[:, :1])
+    weights = 1.0 / np.prod(t[:, :, None] - t[:, None, :] + np.eye(order + 1), axis=2)
+    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    windows = sliding_window_view(values, order + 1, axis=0)
+    return np.asarray(np.einsum("fo,f...o->f...", weights, windows))
 
 
 def point_noise(observations: Sequence[Observation], basis: SplineBasis) -> float | None:

@@ -9,15 +9,17 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import comb
 
-from dlo_ros.identification.residual_noise import point_noise
+from dlo_ros.identification.residual_noise import (
+    DIFFERENCE_ORDERS,
+    divided_differences,
+    point_noise,
+)
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.thresholds import SCATTERING
 from dlo_ros.inference.variances import LEAST_NOISE
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
-ORDERS = (2, 4, 6)
-"""Orders of differences in time, which a smooth residual enters less and less."""
 MEDIAN = 0.4549
 """Median of the square of a normal variable, over its mean."""
 ALIKE_PARTS = 4
@@ -45,7 +47,7 @@ def scatter(field: FloatArray, recording: Recording, settings: Settings) -> Floa
     Args:
         field: residual coefficients [m], shape (F, K).
     """
-    found = [np.sqrt(np.median(gap**2, axis=0) / MEDIAN) for gap in _gaps(field)]
+    found = [np.sqrt(np.median(gap**2, axis=0) / MEDIAN) for gap in _gaps(field, recording)]
     if found:
         return np.asarray(np.min(found, axis=0))
     n = settings.rod.control_points
@@ -57,26 +59,16 @@ def scatter(field: FloatArray, recording: Recording, settings: Settings) -> Floa
     return np.repeat(parts, n)
 
 
-def _gaps(field: FloatArray) -> list[FloatArray]:
+def _gaps(field: FloatArray, recording: Recording) -> list[FloatArray]:
     """Differences in time of growing order, scaled such that white noise keeps its size."""
-    result = []
-    for order in ORDERS:
-        if len(field) <= 2 * order:
-            continue
-        weights = np.array([1.0])
-        for _ in range(order):
-            weights = np.convolve(weights, [1.0, -1.0])
-        weights /= np.linalg.norm(weights)
-        result.append(
-            np.array([weights @ field[i : i + order + 1] for i in range(len(field) - order)])
-        )
-    return result
+    times, orders = recording.times[-len(field) :], DIFFERENCE_ORDERS
+    return [divided_differences(field, times, o) for o in orders if len(field) > 2 * o]
 
 
 def _along(field: FloatArray) -> float:
     """Noise of coefficients (F, n) from their scatter along u, where models are smooth [m]."""
     found = [float(np.sqrt(np.mean(field**2)))]
-    for order in ORDERS:
+    for order in DIFFERENCE_ORDERS:
         if field.shape[1] > 2 * order:
             gap = np.diff(field, order, axis=1) / np.sqrt(float(comb(2 * order, order)))
             found.append(float(np.sqrt(np.median(gap**2) / MEDIAN)))
@@ -106,7 +98,7 @@ def with_bias(
         n = recording.observed.shape[1]
         field = unit.residual(shapes)[:, :n]
         # All coefficients together: of one alone a few dozen pictures tell too little.
-        found = [float(np.median(gap**2)) / MEDIAN for gap in _gaps(field)]
+        found = [float(np.median(gap**2)) / MEDIAN for gap in _gaps(field, recording)]
         each = min(found) if found else float(np.median(scatter(field, recording, settings) ** 2))
         shares.append(count * each / max(std, 1e-12) ** 2)
         stated.append(std)
