@@ -10,6 +10,8 @@ from itertools import combinations
 
 import numpy as np
 
+from dlo_ros.inference.parameter import value_of, with_value
+from dlo_ros.inference.priors import MATERIAL_RANGES
 from dlo_ros.inference.thresholds import IDENTIFIED, SMALL_SHARE, UNBOUNDED
 from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import Settings
@@ -80,28 +82,16 @@ def searchable(settings: Settings) -> Settings:
 
 def logarithms(settings: Settings) -> FloatArray:
     """Logarithms of (E, mu, c, t_r), shape (4,); a damping of zero gives -inf."""
-    values = (
-        settings.rod.young_modulus,
-        settings.rod.density,
-        settings.damping.air_drag,
-        settings.damping.relaxation_time,
-    )
+    values = [value_of(settings, name) for name in MATERIAL]
     return np.array([math.log(v) if v > 0.0 else -math.inf for v in values])
 
 
 def with_logarithms(settings: Settings, theta: FloatArray) -> Settings:
     """The settings with ln (E, mu, c, t_r) = theta."""
-    e, mu, c, t_r = (float(x) for x in np.exp(theta))
-    flat = settings.flat()
-    flat.update(
-        {
-            "rod.young_modulus": min(max(e, 1e3), 1e12),
-            "rod.density": min(max(mu, 1.0), 1e5),
-            "damping.air_drag": min(c, 1e3),
-            "damping.relaxation_time": min(t_r, 10.0),
-        }
-    )
-    return Settings.from_mapping(flat)
+    for name, value in zip(MATERIAL, np.exp(theta).tolist(), strict=True):
+        *_, lower, upper = MATERIAL_RANGES[name]
+        settings = with_value(settings, name, min(max(value, lower), upper) if value else 0.0)
+    return settings
 
 
 def within_noise(settings: Settings, rms: float) -> Settings:
