@@ -54,10 +54,14 @@ def material_priors(given: Settings) -> tuple[Parameter, ...]:
     return tuple(result)
 
 
-def believed(p: Parameter) -> tuple[float, float]:
-    """Lowest and highest value of a parameter that was measured beforehand, see `BELIEVED`."""
-    low, high = (p.outer(p.centre + sign * BELIEVED * p.std) for sign in (-1, 1))
-    return low, high
+def believed(model: ParametricModel) -> ParametricModel:
+    """The model with a material that was measured beforehand kept near its value: `BELIEVED`."""
+
+    def near(p: Parameter) -> Parameter:
+        low, high = (p.outer(p.centre + sign * BELIEVED * p.std) for sign in (-1, 1))
+        return replace(p, lower=low, upper=high)
+
+    return model.with_prior([near(p) for p in model.parameters if not p.effect and not p.guessed])
 
 
 def joint_model(start: Settings, given: Settings, scene: Scene) -> ParametricModel:

@@ -9,14 +9,14 @@ import pytest
 from experiment_recordings import fitted_set_up
 from rods import PAPER
 
-from dlo_ros.diagnosis.explain import cause_naming, cause_search, joint_explanation
+from dlo_ros.diagnosis.explain import cause_naming, cause_search
 from dlo_ros.diagnosis.explain.certainty import SCALES, certain, strains
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation
 from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of
 from dlo_ros.effects import Start
 from dlo_ros.inference.joint import borrowed
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.priors import material_priors
+from dlo_ros.inference.priors import believed, material_priors
 
 
 def evaluation(evidence, err):
@@ -182,7 +182,7 @@ def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch,
 def test_what_was_measured_beforehand_stays_near_its_value():
     weighed = replace(PAPER, rod=replace(PAPER.rod, density_std=0.01 * PAPER.rod.density))
     model = ParametricModel(weighed, material_priors(weighed))
-    far = joint_explanation._believing(model).at(model.theta() + 1.0).settings.rod
+    far = believed(model).at(model.theta() + 1.0).settings.rod
     assert far.density / weighed.rod.density == pytest.approx(np.exp(0.04))
     # A modulus that is only guessed may be anything.
     assert far.young_modulus / weighed.rod.young_modulus == pytest.approx(np.e)

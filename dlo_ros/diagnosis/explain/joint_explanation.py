@@ -37,7 +37,7 @@ from dlo_ros.effects import Scene, Start, starts
 from dlo_ros.inference.joint import Evaluation, evaluate, simulate
 from dlo_ros.inference.joint_fit import approached, settled
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.parameter import Parameter, ParametricModel
+from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import believed, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.thresholds import (
@@ -129,23 +129,10 @@ def prepare(recordings: Sequence[Recording], plain: Settings, given: Settings) -
     """
     names = imposed_names(r.manipulation for r in recordings)
     here = scene(plain, names, [r.observed for r in recordings])
-    model = _believing(joint_model(plain, given, here))
+    model = believed(joint_model(plain, given, here))
     at = settled(evaluate(model, recordings), recordings)
     bare = simulate(ParametricModel(plain, ()), recordings, ())
     return Prepared(recordings, here, bare.mean_err, model, at)
-
-
-def _believing(model: ParametricModel) -> ParametricModel:
-    """The model with what was measured beforehand kept near its value, see `believed`.
-
-    A fit that pushes it further does the work of a cause that nobody names.
-    """
-
-    def near(p: Parameter) -> Parameter:
-        low, high = believed(p)
-        return replace(p, lower=low, upper=high)
-
-    return model.with_prior([near(p) for p in model.parameters if not p.effect and not p.guessed])
 
 
 def explain(
