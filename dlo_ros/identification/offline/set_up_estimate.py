@@ -58,14 +58,12 @@ class SetUp:
     Args:
         theta: ln (E, mu, c, t_r) of the likelier model.
         information: information of the data on theta, shape (4, 4), averaged over both models.
-        probability: posterior probability of the open set-up, 0 to 1.
         settings: settings of the likelier model, the numbers of the set-up as effects.
         values: numbers of the set-up with standard deviations; empty where it is exact.
     """
 
     theta: FloatArray
     information: FloatArray
-    probability: float
     settings: Settings
     values: dict[str, tuple[float, float]]
 
@@ -95,7 +93,7 @@ def weighed(
         long_steps: tolerance of the time steps with which a search may begin; None: that of the
             settings.
     """
-    exact = SetUp(theta, information, 0.0, settings, {})
+    exact = SetUp(theta, information, settings, {})
     shortest = settings.simulation.tolerance
     recordings = [
         replace(seen(r, mask, settings), spans=s, tolerance=long_steps or shortest)
@@ -177,7 +175,7 @@ def _averaged(
     apart[place] = theta[place] - exact.theta[place]
     if probability <= 0.5:
         information = mixed(exact.information, information, probability, apart)
-        return replace(exact, information=information, probability=probability)
+        return replace(exact, information=information)
     information = mixed(information, exact.information, 1.0 - probability, apart)
     spread = np.sqrt(np.diag(at.posterior.covariance))
     found = {
@@ -185,7 +183,7 @@ def _averaged(
         for p, x, std in zip(model.parameters, model.theta(), spread, strict=True)
         if p.effect
     }
-    return SetUp(theta, information, probability, settings, found)
+    return SetUp(theta, information, settings, found)
 
 
 def marginal_information(at: Evaluation) -> FloatArray:
