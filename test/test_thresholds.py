@@ -55,7 +55,6 @@ SETTINGS = {
     "first_motion.PICTURES",
     "holdout.SPARE",
     "missing_force.WINDOW",
-    "standard_manipulations.SHORTEST",
     "wrench_messages.LONGEST_WINDOW",
     "wrench_messages.QUADRATIC",
     # When a live estimate is made, passed on or looked at again.

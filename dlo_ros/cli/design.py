@@ -22,7 +22,6 @@ from dlo_ros.cli.loading import load_information, prepare
 from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import add_results_folder, check_results_folder
 from dlo_ros.command import CONTROL_POINT, END, START, Command
-from dlo_ros.diagnosis.findings.standard_manipulations import standard
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.files import write_text
 from dlo_ros.identification.design.expected_information import Noise, Plan, at_equilibrium
@@ -35,6 +34,7 @@ from dlo_ros.identification.design.manipulation_search import (
     rough_shape,
     search,
 )
+from dlo_ros.identification.design.standard_manipulations import standard
 from dlo_ros.identification.estimate import search_information
 from dlo_ros.parameters import Settings
 from dlo_ros.report.design import DesignedExperiment, DesignReport, write_design_report
@@ -122,7 +122,7 @@ def run(arguments: argparse.Namespace) -> int:
         settings, rivals = named_rivals(settings, arguments.apart, arguments.report)
         plans = _plans(arguments, settings) or [
             *_plans(arguments, settings, BUNDLED),
-            *(Plan(m.words, m.command, m.shape, m.duration) for m in standard(settings, ())),
+            *standard(settings),
         ]
         prepare()
         explanations = sized(rivals, settings, plans)

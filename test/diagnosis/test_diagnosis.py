@@ -9,7 +9,6 @@ from measured import swing
 from rods import KNOWN, PAPER
 
 from dlo_ros.diagnosis import diagnose
-from dlo_ros.diagnosis.findings.standard_manipulations import simulated, standard
 from dlo_ros.diagnosis.fitting.initial_fit import begin, fitted, whitened
 from dlo_ros.diagnosis.fitting.recording_noise import with_bias, with_noise
 from dlo_ros.diagnosis.residuals import residual_autocovariance
@@ -102,17 +101,6 @@ def test_noise_is_told_from_what_repeats():
     assert len(beginning.at.model.parameters) == 4
     again = fitted(beginning.at.model, beginning.recordings)
     assert again.model.theta() == pytest.approx(beginning.at.model.theta(), abs=1e-3)
-
-
-def test_standard_manipulations_can_be_simulated():
-    recording = measured(swing(PAPER, seconds=0.5), KNOWN)
-    made = standard(KNOWN, [recording])
-    assert len(made) == 6
-    for one in made:
-        shapes = [o.control_points for o in simulated(one, KNOWN).observations]
-        assert len(shapes) >= 5, one.words
-        length = np.sum(np.linalg.norm(np.diff(shapes[-1][:, :3], axis=0), axis=1))
-        assert length == pytest.approx(KNOWN.rod.length, rel=0.05), one.words
 
 
 def test_a_repeated_picture_counts_once():

@@ -297,22 +297,6 @@ def _gain(before: FloatArray, gained: FloatArray) -> float:
     return float(np.linalg.slogdet(first)[1] - np.linalg.slogdet(then)[1]) / (2.0 * math.log(2.0))
 
 
-def rank(
-    plans: Sequence[Plan],
-    settings: Settings,
-    noise: Noise = Noise(),
-    *,
-    known: FloatArray | None = None,
-) -> list[Outlook]:
-    """Plans by their expected information, the best first; see `outlook`.
-
-    Raises:
-        SimulationError: a plan cannot be simulated; the message names it.
-    """
-    found = [outlook(plan, settings, noise, known=known) for plan in plans]
-    return sorted(found, key=lambda o: -o.gain)
-
-
 def at_equilibrium(settings: Settings) -> Settings:
     """The settings for a plan, which starts at rest."""
     return replace(settings, simulation=replace(settings.simulation, start="equilibrium"))

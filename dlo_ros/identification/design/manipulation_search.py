@@ -7,7 +7,7 @@ from one pose to the next and rest there. Candidates are drawn at random, and th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Generic, Protocol, TypeVar
@@ -222,6 +222,26 @@ def plan_of(
     """
     rod = settings.rod
     tracks = imposed(candidate, workspace.duration, rod.control_points)
+    curve = rough_shape(candidate, rod.length)
+    return plan_along(name, tracks, curve, workspace.duration, settings)
+
+
+def plan_along(
+    name: str, tracks: Mapping[str, FloatArray], curve: FloatArray, duration: float,
+    settings: Settings,
+) -> Plan:  # fmt: skip
+    """A plan whose ends are led along tracks.
+
+    Args:
+        tracks: time [s], x, z [m] and angle [rad] of each name of dlo/command, at the same times,
+            shape (m, 4).
+        curve: rough curve x, z [m] from which the DLO settles.
+        duration: of the recording [s].
+
+    Raises:
+        CommandError: the command is malformed.
+    """
+    rod = settings.rod
     times = next(iter(tracks.values()))[:, 0]
     positions = np.zeros((len(times), len(tracks), 3))
     rotations = np.zeros((len(times), len(tracks), 4))
@@ -232,8 +252,8 @@ def plan_of(
         0, tuple(tracks), times, positions, rotations, np.full_like(positions, np.nan),
         rod.control_points, settings.frame_id,
     )  # fmt: skip
-    shape = laid(rough_shape(candidate, rod.length), SplineBasis(rod.control_points, rod.length))
-    return Plan(name, command, shape, workspace.duration)
+    shape = laid(curve, SplineBasis(rod.control_points, rod.length))
+    return Plan(name, command, shape, duration)
 
 
 class Judged(Protocol):
