@@ -306,6 +306,25 @@ def test_a_recording_that_is_not_explained_does_not_spoil_the_rest(
     assert _completed(found, (0, 1, 2), (0, 1, 2)) is final  # all have been learned from
 
 
+@pytest.mark.parametrize(
+    ("matters", "causes", "of_all", "err"),
+    [
+        (1.5e-3, (), 2e-3, 1e-3),
+        (2.5e-3, (), 2e-3, 2e-3),
+        (1.5e-3, ("tilt",), 2e-3, 2e-3),  # it matters, and a cause explains it
+        (2.5e-3, ("tilt",), 3e-3, 1e-3),
+    ],
+)
+def test_a_set_up_is_judged_by_how_near_it_can_come(monkeypatch, matters, causes, of_all, err):
+    """Where that decides: correlated errors let a fit drift from the shapes."""
+    monkeypatch.setattr(joint_outcome, "approached", lambda *_: fitted_to(1e-3, 1e-3))
+    monkeypatch.setattr(joint_outcome, "_completed", lambda *_: fitted_to(of_all, of_all))
+    final = fitted_to(4e-4, 4e-4)
+    found = SimpleNamespace(setup=fitted_to(2e-3, 2e-3), at=final, causes=causes)
+    told = joint_outcome._set_up_err(found, final, (0, 1), (0, 1), matters)
+    assert told == pytest.approx(err)
+
+
 @pytest.mark.parametrize(("held", "closer"), [(9e-3, True), (2e-3, False), (None, True)])
 def test_all_recordings_teach_where_they_come_nearer_so(held, closer):
     told = None if held is None else [np.full(4, held)]
