@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -82,7 +83,8 @@ class DiscreteRod:
         hardening: tangent stiffness past the yield, over that before it, 0 to 1.
         hysteresis: largest moment of a hysteretic bending element, over B [1/m].
         friction_moment: largest moment of that element in all vertices alike, added to it [N m].
-        relaxing: share of the bending stiffness that relaxes.
+        relaxing: share of the bending stiffness that relaxes: a Kelvin-Voigt element in series with
+            the spring and the slider.
         lasting: time in which it does [s].
         hysteresis_width: change of curvature over which that moment turns round [1/m].
         friction: largest friction with the board of the nodes [N], shape (N + 1,).
@@ -225,6 +227,17 @@ class DiscreteRod:
     def rest_turn(self) -> FloatArray:
         """Turning angle of the vertices at rest [rad], shape (N + 1,)."""
         return np.asarray(self.rest_curvature * self.vertex_lengths + self.kink)
+
+    def relaxed(self) -> Self:
+        """The rod as it is in the end, when all has relaxed that may."""
+        held = 1.0 - self.relaxing
+        # The spring carries `held` of the curvature; the slider's moments stay what they are.
+        hardening = self.hardening / (self.hardening + (1.0 - self.hardening) * held)
+        return replace(
+            self, relaxing=0.0, bending_stiffness=held * self.bending_stiffness,
+            half_curvature=self.half_curvature / held, yield_curvature=self.yield_curvature / held,
+            hardening=hardening,
+        )  # fmt: skip
 
     def bending_law(self, history: BendingLaw | None = None) -> BendingLaw:
         """Moment against turning angle; with the history of another time where one is given."""

@@ -106,13 +106,15 @@ class DiscreteRodSimulation:
         rod = self.rod_at(self.time)
         self._strains = rod_kernels.strains(self.x, rod.lengths, clamps)
         self._strains_before = self._strains
-        self._law = rod.bending_law()
+        self._law = rod.relaxed().bending_law()
+        # What relaxes has flowed as far as the rod is bent beyond its set.
+        self._flow = self._strains[1] - rod.rest_turn
         if self._law.active:
             # What yields on the way into the first shape stays; hysteresis begins with it.
             yield_to(self._law._replace(drag=np.zeros_like(rod.mass)), self._strains[1])
+            self._flow = self._flow - self._law.plastic
+        self._flow_before = self._flow
         self._anchor = self.x.copy()
-        # What relaxes has flowed as far as the rod is bent.
-        self._flow = self._flow_before = self._strains[1] - rod.rest_turn
         self._potential: PlanarPotential | None = None
 
     @property
@@ -123,9 +125,7 @@ class DiscreteRodSimulation:
         if self._potential is not None:
             return self._potential
         boundary, rod = self.boundary(self.time), self.rod_at(self.time)
-        relaxed = (1.0 - rod.relaxing) * rod.bending_stiffness
-        held = boundary.held(len(rod.mass))
-        return replace(rod, bending_stiffness=relaxed).potential(held, boundary.clamps)
+        return rod.relaxed().potential(boundary.held(len(rod.mass)), boundary.clamps)
 
     def rod_at(self, time: float) -> DiscreteRod:
         """The rod at a time [s]."""
@@ -153,8 +153,7 @@ class DiscreteRodSimulation:
         for every in (max(edges // 20, 1), max(edges // 60, 1), 1):
             keep = np.union1d(np.arange(0, edges, every), [*boundary.positions, edges])
             rod = full.coarsened(keep)
-            relaxed = (1.0 - rod.relaxing) * rod.bending_stiffness
-            rod = replace(rod, hysteresis=0.0, friction_moment=0.0, bending_stiffness=relaxed)
+            rod = replace(rod.relaxed(), hysteresis=0.0, friction_moment=0.0)
             where = {int(np.searchsorted(keep, i)): p for i, p in boundary.positions.items()}
             x = self.x[keep]
             softest = rod.softest_stretch() if every > 1 else 1.0
@@ -197,14 +196,20 @@ class DiscreteRodSimulation:
         ):
             damped.append(k + d * rod.relaxation_time * c0)
             held_back.append(f - d * rod.relaxation_time * (c2 * before - c1 * now))
-        # A dashpot's angle v in series with a spring: tau dv/dt = (turn - rest) - v.
+        # Creep `relaxing` times v beside the spring's angle: tau dv/dt = (turn - rest - set) - v.
         flowing = 1.0 + c0 * rod.lasting
         behind = rod.rest_turn + rod.lasting * (c2 * self._flow_before - c1 * self._flow)
-        if rod.relaxing:
-            weaker = dampers[1] * rod.relaxing / flowing
+        crept = rod.relaxing / flowing
+        law = rod.bending_law(self._law)
+        if law.active:
+            rest = rod.rest_turn + crept / (1.0 - crept) * (rod.rest_turn - behind)
+            law = law._replace(
+                stiffness=(1.0 - crept) * law.stiffness, rest=rest, half=law.half / (1.0 - crept)
+            )
+        elif rod.relaxing:
+            weaker = dampers[1] * crept
             damped[1], held_back[1] = damped[1] - weaker, held_back[1] - weaker * behind
         boundary = self.boundary(time)
-        law = rod.bending_law(self._law)
         friction = no_friction()
         if np.any(rod.friction > 0.0):
             friction = Friction(True, rod.friction, self._anchor, SLACK)
@@ -237,11 +242,11 @@ class DiscreteRodSimulation:
         self._v_before, self.v = self.v, c0 * x + past_x
         self._strains_before = self._strains
         self._strains = rod_kernels.strains(x, rod.lengths, boundary.clamps)
-        self._flow_before = self._flow
-        self._flow = (self._strains[1] - behind) / flowing
-        self._law = law
+        self._law, bent = law, self._strains[1] - behind
         if law.active:
             yield_to(law, self._strains[1])
+            bent = bent - law.plastic
+        self._flow_before, self._flow = self._flow, bent / flowing
         if friction.active:
             pull_anchors(friction, x)
         self._used_step = h

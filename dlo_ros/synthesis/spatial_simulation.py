@@ -133,8 +133,7 @@ class SpatialSimulation:
         if self._potential is not None:
             return self._shape, self._spun, self._potential
         rod, boundary = self.rod_at(self.time), self.boundary(self.time)
-        relaxed = replace(rod, bending_stiffness=(1.0 - rod.relaxing) * rod.bending_stiffness)
-        return self._shape, self._spun, self._at_rest(relaxed, boundary)
+        return self._shape, self._spun, self._at_rest(rod.relaxed(), boundary)
 
     @property
     def twist(self) -> FloatArray:
@@ -166,8 +165,7 @@ class SpatialSimulation:
         # As in the plane: a coarse rod, soft in stretch at first, buckles in long waves.
         for every in (max(edges // 20, 1), max(edges // 60, 1), 1):
             keep = np.union1d(np.arange(0, edges, every), [*boundary.positions, edges])
-            rod = full.coarsened(keep)
-            rod = replace(rod, bending_stiffness=(1.0 - rod.relaxing) * rod.bending_stiffness)
+            rod = full.coarsened(keep).relaxed()
             where = {int(np.searchsorted(keep, i)): p for i, p in boundary.positions.items()}
             local = replace(boundary, positions=where)
             coarse = SpatialSimulation(rod, partial(_always, local), self.x[keep], time=self.time)
@@ -206,7 +204,7 @@ class SpatialSimulation:
         Raises:
             SimulationError: no stable equilibrium was reached.
         """
-        self._fall(self.rod_at(self.time), self.boundary(self.time))
+        self._fall(self.rod_at(self.time).relaxed(), self.boundary(self.time))
         self._rest()
         return self.x
 
@@ -320,16 +318,22 @@ class SpatialSimulation:
         history = c2 * self._strains_before[1] - c1 * self._strains[1]
         damped = bending["stiffness"] + lag * c0 * stiff
         held_back = bending["offset"] - lag * np.einsum("nab,nb->na", stiff, history)
-        # A dashpot's strain w in series with a share of the bending: tau dw/dt = (k - k0) - w.
+        # Creep `relaxing` times w beside the spring's strain: tau dw/dt = (k - k0) - w.
         flowing = 1.0 + c0 * rod.lasting
         behind = rod.rest_strain + rod.lasting * (c2 * self._flow_before - c1 * self._flow)
+        softening = bending["softening"]
         if rod.relaxing:
-            weaker = stiff * (rod.relaxing / flowing)
+            crept = rod.relaxing / flowing
+            weaker = stiff * crept
             weaker[:, 2] = 0.0  # bending alone relaxes
             damped, held_back = (
                 damped - weaker,
                 held_back - np.einsum("nab,nb->na", weaker, behind),
             )
+            if softening is not None:
+                spring, rest, half = softening
+                rest = rest + crept / (1.0 - crept) * (rest - behind)
+                softening = ((1.0 - crept) * spring, rest, half / (1.0 - crept))
         drag = None
         if np.any(rod.quadratic_drag > 0.0):
             there = np.gradient(self.x + h * self.v, rod.u, axis=0)
@@ -338,7 +342,7 @@ class SpatialSimulation:
         potential = SpatialPotential(
             free=boundary.free(len(self.x)), lengths=rod.lengths, ends=self.ends,
             stretch=(edge * (1.0 + lag * c0), -pulled), stiffness=damped, offset=held_back,
-            softening=bending["softening"],
+            softening=softening,
             spring=(rod.mass * c0**2 + rod.drag * c0, rod.spin_inertia * c0**2),
             load=(
                 rod.weight

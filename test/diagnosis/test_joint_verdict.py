@@ -152,7 +152,9 @@ def own_err(monkeypatch, noises, still=(), free=(), along=1e-6, slides=()):
     monkeypatch.setattr(measurement_error, "_noise", lambda std, *_: np.array([std**2, 0.0]))
     ends = {k: ("end",) if k in free else () for k in range(len(noises))}
     monkeypatch.setattr(measurement_error, "free_ends", lambda k, _: ends[k])
-    monkeypatch.setattr(measurement_error, "_stretched", lambda _, ends, __: float(len(ends)))
+    monkeypatch.setattr(
+        measurement_error, "_stretched", lambda _, ends, __: (len(ends) * along**2, len(ends))
+    )
     errors = iter(slides)
     monkeypatch.setattr(measurement_error, "_along", lambda *_: next(errors) ** 2)
     settings = SimpleNamespace(rod=SimpleNamespace(length=1.0))
@@ -188,7 +190,7 @@ def test_what_one_recording_alone_shows_is_not_the_measurements_own(monkeypatch)
 
 
 @pytest.mark.parametrize(
-    ("ends", "error", "share"),
+    ("ends", "error", "expected"),
     [
         (("end",), lambda u: u, 1.0),
         (("start",), lambda u: L - u, 1.0),
@@ -199,7 +201,7 @@ def test_what_one_recording_alone_shows_is_not_the_measurements_own(monkeypatch)
         ((), lambda u: u, 0.0),
     ],
 )
-def test_what_grows_towards_a_free_end_is_told_from_other_errors_along_a_dlo(ends, error, share):
+def test_what_grows_towards_a_free_end_is_told_from_other_errors_along_a_dlo(ends, error, expected):
     n = 24
     settings = replace(PAPER, rod=replace(PAPER.rod, length=L, control_points=n))
     basis = SplineBasis(n, L)
@@ -209,8 +211,10 @@ def test_what_grows_towards_a_free_end_is_told_from_other_errors_along_a_dlo(end
     residual = np.zeros((60, 2 * n))
     residual[:, n:] = along + 0.1 * rng.normal(size=(60, 1)) * along  # more or less of it
     residual[:, :n] = rng.normal(size=(60, n))
-    found = measurement_error._stretched(residual, ends, settings)
-    assert found == pytest.approx(share, abs=0.02)
+    size, share = measurement_error._stretched(residual, ends, settings)
+    assert share == pytest.approx(expected, abs=0.02)
+    mean_square = np.mean(error(np.linspace(0.0, L, 2000)) ** 2)
+    assert size == pytest.approx(expected * mean_square, rel=0.05, abs=0.02 * mean_square)
 
 
 def test_u_may_be_stretched_towards_a_free_end(monkeypatch):
@@ -220,9 +224,9 @@ def test_u_may_be_stretched_towards_a_free_end(monkeypatch):
     held = own_err(monkeypatch, (1e-4, 1e-4), along=8e-3)
     assert held == pytest.approx(3e-3**2 / 8e-3, rel=0.02)
     assert own_err(monkeypatch, (1e-4,), along=2.9e-3) == pytest.approx(2.9e-3, rel=0.02)
-    # One of three with a free end is no error of its own beside those that are held.
+    # Those that are held tell nothing of one with a free end; another one does.
     alone = own_err(monkeypatch, (1e-4, 1e-4, 1e-4), free=(0,), along=8e-3)
-    assert alone == pytest.approx((3.0 * held + 2.0 * held) / 3.0, rel=0.02)
+    assert alone == pytest.approx((8e-3 + 2.0 * held) / 3.0, rel=0.02)
 
 
 def test_a_free_end_that_points_see_too_early_or_too_late_is_compared_with_its_like(monkeypatch):
@@ -300,6 +304,25 @@ def test_a_recording_that_is_not_explained_does_not_spoil_the_rest(
     monkeypatch.setattr(joint_outcome, "refitted", lambda *_: final)
     assert _completed(found, (0, 1, 2), (0, 1)) is (found if spoilt else final)
     assert _completed(found, (0, 1, 2), (0, 1, 2)) is final  # all have been learned from
+
+
+@pytest.mark.parametrize(
+    ("matters", "causes", "of_all", "err"),
+    [
+        (1.5e-3, (), 2e-3, 1e-3),
+        (2.5e-3, (), 2e-3, 2e-3),
+        (1.5e-3, ("tilt",), 2e-3, 2e-3),  # it matters, and a cause explains it
+        (2.5e-3, ("tilt",), 3e-3, 1e-3),
+    ],
+)
+def test_a_set_up_is_judged_by_how_near_it_can_come(monkeypatch, matters, causes, of_all, err):
+    """Where that decides: correlated errors let a fit drift from the shapes."""
+    monkeypatch.setattr(joint_outcome, "approached", lambda *_: fitted_to(1e-3, 1e-3))
+    monkeypatch.setattr(joint_outcome, "_completed", lambda *_: fitted_to(of_all, of_all))
+    final = fitted_to(4e-4, 4e-4)
+    found = SimpleNamespace(setup=fitted_to(2e-3, 2e-3), at=final, causes=causes)
+    told = joint_outcome._set_up_err(found, final, (0, 1), (0, 1), matters)
+    assert told == pytest.approx(err)
 
 
 @pytest.mark.parametrize(("held", "closer"), [(9e-3, True), (2e-3, False), (None, True)])

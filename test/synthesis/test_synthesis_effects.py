@@ -202,6 +202,28 @@ def test_below_the_yield_nothing_stays():
     np.testing.assert_allclose(curvature(simulation), 0.0, atol=5e-3)
 
 
+@pytest.mark.parametrize(("time", "stays"), [(0.05, 10.0 - 3.0 / 0.5), (1e4, 10.0 - 3.0)])
+def test_what_creeps_yields_by_the_spring_in_series(time, stays):
+    """Slow bending leaves half of the elastic curvature to the spring, fast bending all of it."""
+    blocks = {
+        "plasticity": {"yield_curvature": 3.0, "hardening": 0.0},
+        "viscoelasticity": {"share": 0.5, "time": time},
+    }
+    simulation = bent(HiddenEffects(read_effects(blocks, "test")), [0.0, 10.0 * LENGTH])
+    released(simulation, 6.0)
+    np.testing.assert_allclose(curvature(simulation), stays, atol=0.05)
+
+
+def test_what_creeps_and_softens_goes_back():
+    blocks = {
+        "nonlinear_stiffness": {"half_curvature": 1.5},
+        "viscoelasticity": {"share": 0.6, "time": 0.2},
+    }
+    simulation = bent(HiddenEffects(read_effects(blocks, "test")), [0.0, 10.0 * LENGTH])
+    released(simulation, 30.0)
+    np.testing.assert_allclose(curvature(simulation), 0.0, atol=0.03)
+
+
 @pytest.mark.parametrize("half", [np.inf, 3.0])
 @pytest.mark.parametrize("yields", [np.inf, 2.0])
 @pytest.mark.parametrize("drag", [0.0, 1.5])

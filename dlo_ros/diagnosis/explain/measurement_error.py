@@ -32,14 +32,15 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
     """ERR of the measurement alone [m]: noise, and errors that stay while the DLO moves.
 
     The latter are taken as each recording shows them, since few numbers cause them: their
-    variance is that of all recordings together. The error of u that measured points leave open
-    counts as each recording shows it, too. Errors that are new in every picture count up to
-    `TRACKER_ERROR`: where the DLO moves far between two pictures what a model lacks is new in each
-    as well. Errors that stay are no larger than those of careful calibrations, `REPEATED_STD`; but
-    where u is counted from a free end that is seen too early or too late, it is off by ever more
-    towards that end. None counts for more than `APART` times the others in which the DLO moves,
-    since one tracker errs alike in all, of those with as many free ends where there are any. Where
-    there are none, that error of u is left out of the comparison: it is a free end's.
+    variance is that of all recordings together. The error of u that a free end makes, or that
+    measured points leave open, counts as each recording shows it. Errors that are new in every
+    picture count up to `TRACKER_ERROR`: where the DLO moves far between two pictures what a model
+    lacks is new in each as well. Errors that stay are no larger than those of careful calibrations,
+    `REPEATED_STD`; but where u is counted from a free end that is seen too early or too late, it is
+    off by ever more towards that end. None counts for more than `APART` times the others in which
+    the DLO moves, since one tracker errs alike in all, of those with as many free ends where there
+    are any. Where there are none, that error of u is left out of the comparison: it is a free
+    end's.
     """
     found, slides, telling, kinds = [], [], [], []
     length = at.model.settings.rod.length
@@ -49,20 +50,17 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
     ):
         ends = free_ends(recording.manipulation, predicted.shape[1])
         kinds.append(len(ends))
-        share = _stretched(residual, ends, at.model.settings)
+        stretched, share = _stretched(residual, ends, at.model.settings)
         staying = _staying(variances, s)
-        stretched = share * staying[ALONG]
-        staying[ALONG] -= stretched
+        staying[ALONG] *= 1.0 - share
         staying = _credible(staying, (REPEATED_STD * length) ** 2)
-        staying[ALONG] += _credible(stretched, most)
         moved = recording.observed - recording.observed.mean(axis=0)
         still = np.mean(np.sum(moved**2, axis=2)) < np.sum(staying)
-        own = (STAYING_SHARE if still else 1.0) ** 2 * staying
-        variance = np.minimum(_noise(variances, recording), most) + own
-        found.append(variance)
-        slides.append(0.0)
+        counts = (STAYING_SHARE if still else 1.0) ** 2
+        found.append(np.minimum(_noise(variances, recording), most) + counts * staying)
+        slides.append(counts * float(_credible(np.array(stretched), most)))
         if recording.beyond is not None:
-            slides[-1] = min(_along(recording, predicted, at.model.settings), most)
+            slides[-1] += min(_along(recording, predicted, at.model.settings), most)
         telling.append(not still and len(recording.times) >= FEWEST_FRAMES)
     whole = [_size(v, u) for v, u in zip(found, slides, strict=True)]
     bare = [_size(v, 0.0) for v in found]
@@ -104,21 +102,30 @@ def _credible(variance: FloatArray, most: float) -> FloatArray:
     return np.asarray(np.minimum(variance, most**2 / np.maximum(variance, TINY)))
 
 
-def _stretched(residual: FloatArray, ends: Sequence[str], settings: Settings) -> float:
-    """Share of what stays of a residual along the DLO that grows in proportion towards free ends.
+def _stretched(
+    residual: FloatArray, ends: Sequence[str], settings: Settings
+) -> tuple[float, float]:  # fmt: skip
+    """What stays of a residual along the DLO and grows in proportion towards free ends.
+
+    An end that is seen too early or too late makes an error of its recording's own, which those of
+    other recordings tell nothing of.
 
     Args:
         residual: coefficients, shape (F, K).
+
+    Returns:
+        Its mean square [m^2], and its share of what stays along the DLO.
     """
     if not ends:
-        return 0.0
+        return 0.0, 0.0
     n, length = settings.rod.control_points, settings.rod.length
     share = SplineBasis(n, length).greville / length
     profiles = np.array([share if end == END else 1.0 - share for end in ends])
     stays = residual[:, n : 2 * n].mean(axis=0)
     columns = whitening(n, length) @ profiles.T
     fitted = columns @ np.linalg.lstsq(columns, stays, rcond=None)[0]
-    return float(np.sum(fitted**2) / max(float(np.sum(stays**2)), TINY))
+    size = float(np.sum(fitted**2))
+    return size, size / max(float(np.sum(stays**2)), TINY)
 
 
 def _along(recording: Recording, predicted: FloatArray, settings: Settings) -> float:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlo_ros.diagnosis.explain.candidate_trials import STEPS
 from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.exact_setup import opened
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation, still_certain
@@ -40,6 +41,7 @@ from dlo_ros.diagnosis.residuals.relations import relations, sentences
 from dlo_ros.effects import effects
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, Simulated, simulate
+from dlo_ros.inference.joint_fit import approached
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import OWN
@@ -220,10 +222,13 @@ def _set_up_err(
     found: Explanation, final: Evaluation, recordings: Sequence[Recording], known: Sequence[int],
     matters: float,
 ) -> float:  # fmt: skip
-    """ERR of the set-up without causes [m], of all recordings where that might be immaterial."""
+    """ERR to which the set-up without causes can come [m], of all recordings where that decides."""
     bare = final if found.setup is found.at else found.setup
-    if bare.mean_err < matters:  # of what was learned from: is it so of all?
-        bare = _completed(bare, recordings, known)
+    if bare.mean_err < matters or not found.causes:  # of what was learned from: is it so of all?
+        bare = bare if bare is final else _completed(bare, recordings, known)
+        if len(bare.err) == len(recordings) and bare.mean_err >= matters:
+            # Correlated errors let a fit drift from the shapes.
+            return min(bare.mean_err, approached(bare, recordings, STEPS).mean_err)
     return bare.mean_err
 
 
