@@ -60,16 +60,13 @@ SETTINGS = {
     # When a live estimate is made, passed on or looked at again.
     "accumulated_information.AUTOCORRELATION_EVERY",
     "online_estimator.ASSUMED_ERROR",
-    "online_estimator.SIGNIFICANT",
     "online_estimator.WINDOW",
     "online_force_scale.GROWTH",
-    "online_force_scale.RATIO_CHANGE",
     "residual_monitor.EVERY",
     "residual_monitor.FIRST",
     "residual_monitor.LOOKS",
     "residual_monitor.WINDOW",
     "set_up_errors.BEGINNING",
-    "set_up_errors.RATIO_CHANGE",
     "set_up_errors.SETTLED",
     "set_up_errors.SET_UP_GROWTH",
 }

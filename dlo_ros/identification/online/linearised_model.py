@@ -18,7 +18,7 @@ from dlo_ros.rod.resolution import RECHECK_RATIO
 from dlo_ros.spline import FloatArray
 
 SMALLEST_STD = 1e-6  # [m] of a residual number; below is rounding
-SHORTEST_STEP = 0.01  # change of a logarithm that never needs a new linearisation
+SHORTEST_STEP = 0.01  # change of a logarithm that needs no new linearisation, and no message
 NUISANCE_WEIGHT = 0.1
 NEGLECTED = 1.0  # second-order part of a change of the shapes that may be neglected, in sigma
 LONGEST_STEP = 1.5  # change of a logarithm at one relinearisation

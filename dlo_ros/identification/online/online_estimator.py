@@ -41,6 +41,7 @@ from dlo_ros.identification.online.accumulated_information import (
     AccumulatedInformation,
 )
 from dlo_ros.identification.online.linearised_model import (
+    SHORTEST_STEP,
     JudgedResolution,
     Linearised,
     PriorInformation,
@@ -68,7 +69,6 @@ ITERATIONS = 4  # before the work begins that else would wait
 WINDOW = 20.0  # [s] of past that is simulated again; older information is kept as a summary
 RETRY_GROWTH = 1.2  # growth of the past after which a failed relinearisation is tried again
 TRIALS = (0.3, 0.8, 1.6, 3.2)  # [s] of past after which rivals are tried
-SIGNIFICANT = 0.01  # change of a logarithm that is worth passing on
 UNKNOWN_WEIGHT = 0.1  # of a change that leaves E/mu alone where only E/mu is determined
 ASSUMED_ERROR = 1e-3  # of L: the simulation's own error that is reckoned with before it is judged
 
@@ -373,7 +373,7 @@ class OnlineEstimator:
         change = logarithms(estimate.settings)[:2] - self._passed
         whole = estimate.identifiable["density"]
         scale = float(np.abs(change).max()) * (1.0 if whole else UNKNOWN_WEIGHT)
-        large = max(scale, abs(float(change[0] - change[1]))) > SIGNIFICANT
+        large = max(scale, abs(float(change[0] - change[1]))) > SHORTEST_STEP
         if large and (linear or stuck):
             self._passed = self._passed + change
             estimate = replace(estimate, significant=True)

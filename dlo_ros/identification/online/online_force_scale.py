@@ -14,7 +14,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces
 from dlo_ros.identification.force_scale import borne_along, scale_in_pieces
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
-from dlo_ros.inference.thresholds import FEWEST
+from dlo_ros.inference.thresholds import FEWEST, SMALL_SHARE
 from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.loads.grip_reactions import Loading
@@ -27,9 +27,7 @@ LOG = logging.getLogger(__name__)
 MOST_SAMPLES = 60_000
 """Messages of an end that are remembered: a minute at 1 kHz."""
 GROWTH = 1.3
-"""Growth of the window after which they are looked at again."""
-RATIO_CHANGE = 0.05
-"""Change of ln(E/mu) after which they are."""
+"""Growth of the window after which they are looked at again, as after a change of ln(E/mu)."""
 MU = MATERIAL.index("density")
 
 
@@ -70,7 +68,7 @@ class Forces:
             begin: function that starts a simulation of the window with loads, as the run's.
         """
         ratio = float(run.at.theta[0] - run.at.theta[1])
-        same = abs(ratio - self._ratio) < RATIO_CHANGE
+        same = abs(ratio - self._ratio) < SMALL_SHARE
         if not self._rows or run.used < FEWEST or (same and run.used < GROWTH * self._used):
             return
         self._used, self._ratio = run.used, ratio

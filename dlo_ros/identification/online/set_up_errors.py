@@ -12,6 +12,7 @@ from dlo_ros.identification.estimate import Estimate
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
 from dlo_ros.identification.online.observed_window import ObservedWindow
 from dlo_ros.identification.online.set_up_shifts import Weighting, set_up_shifts
+from dlo_ros.inference.thresholds import SMALL_SHARE
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
@@ -20,7 +21,6 @@ LOG = logging.getLogger(__name__)
 BEGINNING = 3  # observations before there is an estimate
 SETTLED = 0.8  # [s] of past before which neither tolerances nor resolution are worth a look
 SET_UP_GROWTH = 1.5  # of the past after which the set-up's tolerances are looked at again
-RATIO_CHANGE = 0.05  # change of ln(E/mu) after which they are
 
 
 class SetUpErrors:
@@ -49,7 +49,7 @@ class SetUpErrors:
         if run is None or past.anchor is not None or run.used < BEGINNING or past.elapsed < SETTLED:
             return False
         used, ratio = self._examined
-        other = abs(math.log(estimate.specific_modulus) - ratio) > RATIO_CHANGE
+        other = abs(math.log(estimate.specific_modulus) - ratio) > SMALL_SHARE
         return not used or other or run.used > SET_UP_GROWTH * used
 
     def compute(
