@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from dlo_ros.identification.residual_noise import correlation_length
+from dlo_ros.identification.residual_noise import correlation_length, lagged_products
 from dlo_ros.inference.forecast import Forecast
 from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -136,11 +136,8 @@ def residual_errors(residual: FloatArray, direction: FloatArray) -> Errors:
 
 def _autocovariance(residual: FloatArray) -> FloatArray:
     """Mean product of residuals that lie 0, 1, ... pictures apart, over all of a picture."""
-    frames = min(len(residual), MOST_LAGS)
-    flat = residual.reshape(len(residual), -1)
-    spectrum = np.fft.rfft(flat, 2 * len(flat), axis=0)
-    lagged = np.fft.irfft(np.abs(spectrum) ** 2, 2 * len(flat), axis=0)[:frames].sum(axis=1)
-    return np.asarray(lagged / np.arange(len(flat), len(flat) - frames, -1))
+    count = len(residual)
+    return (lagged_products(residual) / np.arange(count, 0, -1))[:MOST_LAGS]
 
 
 def _independent(

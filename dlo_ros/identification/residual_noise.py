@@ -31,11 +31,8 @@ def correlation_length(residuals: Sequence[FloatArray], axis: int) -> float:
     total, lag_zero, longest = np.zeros(0), 0.0, max(r.shape[axis] for r in residuals)
     total = np.zeros(longest)
     for field in residuals:
-        f = np.moveaxis(field, axis, 0).reshape(field.shape[axis], -1)
-        count = len(f)
-        spectrum = np.fft.rfft(f, 2 * count, axis=0)
-        lagged = np.fft.irfft(np.abs(spectrum) ** 2, 2 * count, axis=0)[:count].sum(axis=1)
-        total[:count] += lagged
+        lagged = lagged_products(np.moveaxis(field, axis, 0))
+        total[: len(lagged)] += lagged
         lag_zero += float(lagged[0])
     if lag_zero <= 0.0:
         return 1.0
@@ -43,6 +40,14 @@ def correlation_length(residuals: Sequence[FloatArray], axis: int) -> float:
     below = np.flatnonzero(rho < DECAYED)
     stop = int(below[0]) if len(below) else longest
     return float(max(1.0, 1.0 + 2.0 * rho[1:stop].sum()))
+
+
+def lagged_products(field: FloatArray) -> FloatArray:
+    """Sums of the products of samples (N, ...) that lie 0, 1, ... apart, shape (N,)."""
+    flat = field.reshape(len(field), -1)
+    spectrum = np.fft.rfft(flat, 2 * len(flat), axis=0)
+    lagged = np.fft.irfft(np.abs(spectrum) ** 2, 2 * len(flat), axis=0)
+    return np.asarray(lagged[: len(flat)].sum(axis=1))
 
 
 def frame_scatter(observations: Sequence[Observation], length: float) -> float | None:

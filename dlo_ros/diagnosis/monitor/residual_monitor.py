@@ -15,11 +15,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dlo_ros.command import NANOSECONDS
 from dlo_ros.diagnosis.monitor.suspects import Suspects, suspects
 from dlo_ros.errors import DloError
 from dlo_ros.identification.cooperative_tasks import Pieces, Worker
 from dlo_ros.identification.identifiability import rounded
 from dlo_ros.identification.residual_information import discrepancy
+from dlo_ros.identification.residual_noise import divided_differences
 from dlo_ros.inference.forecast import Forecast, Manipulation
 from dlo_ros.inference.thresholds import OWN
 from dlo_ros.parameters import Settings
@@ -161,12 +163,9 @@ def correlated_residual(found: Forecast, settings: Settings) -> CorrelatedResidu
     field = found.residual[-WINDOW:].reshape(min(len(found.residual), WINDOW), -1)
     columns = found.derivative[-WINDOW:].transpose(0, 2, 3, 1).reshape(field.size, -1)
     field = _without(field.ravel(), columns).reshape(field.shape)
-    noise = []
-    for weights in ((1.0, -2.0, 1.0), (1.0, -4.0, 6.0, -4.0, 1.0)):
-        size = len(field) - len(weights) + 1
-        gap = sum(w * field[k : k + size] for k, w in enumerate(weights))
-        power = np.sum(np.asarray(gap) ** 2, axis=1) / sum(w**2 for w in weights)
-        noise.append(float(np.median(power)))
+    times = (found.stamps[-WINDOW:] - found.stamps[0]) / NANOSECONDS
+    gaps = [divided_differences(field, times, order) for order in (2, 4)]
+    noise = [float(np.median(np.sum(gap**2, axis=1))) for gap in gaps]
     common = float(np.mean(np.sum(field[1:] * field[:-1], axis=1)))
     own = discrepancy(found, settings)
     return CorrelatedResidual(math.sqrt(max(common, 0.0)), math.sqrt(min(noise)), own)
