@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -213,7 +212,7 @@ def judged(found: Simulated, start: Sequence[Variances] | None = None) -> Evalua
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
-    return _fitted(found, _spectra(found), start)
+    return _evaluation(found, _spectra(found), start)
 
 
 def compared(found: Simulated, variances: tuple[Variances, ...]) -> Evaluation:
@@ -222,10 +221,7 @@ def compared(found: Simulated, variances: tuple[Variances, ...]) -> Evaluation:
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
-    spectra = _spectra(found)
-    with _likelihood():
-        best = posterior(spectra, variances, found.model.offset(), found.model.precision())
-    return _evaluation(found, spectra, variances, best)
+    return _evaluation(found, _spectra(found), variances, fitted=False)
 
 
 def rejudged(at: Evaluation) -> Evaluation:
@@ -234,19 +230,7 @@ def rejudged(at: Evaluation) -> Evaluation:
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
-    return replace(_fitted(at, at.spectra, at.variances), derived=at.derived)
-
-
-def _fitted(
-    found: Simulated, spectra: tuple[Spectrum, ...], start: Sequence[Variances] | None
-) -> Evaluation:
-    """An evaluation with variances that are fitted to what it leaves."""
-    model = found.model
-    with _likelihood():
-        variances, best = fit_variances(
-            spectra, model.offset(), model.precision(), model.settings.rod.length, start
-        )
-    return _evaluation(found, spectra, variances, best)
+    return replace(_evaluation(at, at.spectra, at.variances), derived=at.derived)
 
 
 def _spectra(found: Simulated) -> tuple[Spectrum, ...]:
@@ -255,25 +239,30 @@ def _spectra(found: Simulated) -> tuple[Spectrum, ...]:
     return tuple(spectrum(r, j, n) for r, j in found.fields)
 
 
-@contextmanager
-def _likelihood() -> Iterator[None]:
-    """A likelihood is computed; without one, nothing can be simulated."""
+def _evaluation(
+    found: Simulated, spectra: tuple[Spectrum, ...], variances: Sequence[Variances] | None, *,
+    fitted: bool = True,
+) -> Evaluation:  # fmt: skip
+    """An evaluation whose likelihood is finite: without one, nothing can be simulated.
+
+    Args:
+        variances: with which their fit begins; None: as the residuals suggest.
+        fitted: whether they are fitted to what a simulation leaves; if not, they count as given.
+    """
+    model = found.model
+    offset, precision = model.offset(), model.precision()
     try:
-        yield
+        if fitted:
+            length = model.settings.rod.length
+            known, best = fit_variances(spectra, offset, precision, length, variances)
+        else:
+            known = tuple(variances or ())
+            best = posterior(spectra, known, offset, precision)
     except np.linalg.LinAlgError as err:  # priors vanish beside the derivatives
         raise SimulationError(BOUNDLESS) from err
-
-
-def _evaluation(
-    found: Simulated, spectra: tuple[Spectrum, ...], variances: tuple[Variances, ...],
-    best: Posterior,
-) -> Evaluation:  # fmt: skip
-    """An evaluation whose likelihood is finite."""
     if not np.isfinite(best.evidence):
         raise SimulationError(BOUNDLESS)
-    return Evaluation(
-        found.model, found.fields, found.err, found.predicted, spectra, variances, best
-    )
+    return Evaluation(model, found.fields, found.err, found.predicted, spectra, known, best)
 
 
 def restricted(at: Evaluation, names: Sequence[str]) -> Posterior:
