@@ -158,9 +158,9 @@ def contacts_beside_set_up(
 
 
 def _in_space(drafts: Sequence[Recording], given: Settings) -> bool:
-    """Whether the DLO leaves the board on which pegs stand."""
-    most = TRACKER_ERROR * given.rod.length
-    return any(np.abs(d.observed[..., 1]).max() > most for d in drafts)
+    """Whether the DLO is off the board on which pegs stand, by more than a tracker errs."""
+    most = (TRACKER_ERROR * given.rod.length) ** 2
+    return any(np.mean(d.observed[..., 1] ** 2) > most for d in drafts)
 
 
 def _contacts(
