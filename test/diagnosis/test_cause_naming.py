@@ -73,7 +73,8 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     at = evaluation(0.0, 0.9e-3)
     at.model = SimpleNamespace(settings=PAPER)
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=object())
-    causes, shifts = cause_naming.named(found, {}, (), [start, *others], 1.1e-3, 0.5e-3)
+    setup = evaluation(-50.0, 2e-3)
+    causes, shifts = cause_naming.named(found, setup, {}, (), [start, *others], 1.1e-3, 0.5e-3)
     assert [c.effect for c in causes] == (["point_mass"] if named else [])
     told = Explanation(at, at, causes, 0.0, 0.0, 0.0, (), (), shifts)
     # A cause that is not named may act or not: E / mu may be that with it or without.
@@ -96,8 +97,26 @@ def test_a_fit_without_a_cause_that_has_only_drifted_does_not_tell_of_it(monkeyp
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: nearest[id(at)])
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=object())
-    causes, _ = cause_naming.named(found, {}, (), [start], 0.7e-3, 0.21e-3)
+    setup = evaluation(-80.0, 1.5e-3)
+    causes, _ = cause_naming.named(found, setup, {}, (), [start], 0.7e-3, 0.21e-3)
     assert bool(causes) is named
+
+
+def test_a_fit_without_a_cause_that_explains_less_than_the_set_up_has_gone_astray(monkeypatch):
+    start = Start("hysteresis", {"moment": 0.1}, ("moment",), ("moment",), neutral=False)
+    at, bare, setup = evaluation(0.0, 1e-3), evaluation(-900.0, 9e-3), evaluation(-40.0, 3e-3)
+    at.model = bare.model = setup.model = SimpleNamespace(settings=PAPER)
+    monkeypatch.setattr(cause_naming, "certain", lambda *_: True)
+    monkeypatch.setattr(cause_naming, "beyond", lambda *_: [])
+    monkeypatch.setattr(cause_naming, "_rivals", lambda *_: {})
+    monkeypatch.setattr(cause_naming, "strains", lambda *_: False)
+    monkeypatch.setattr(cause_naming, "_taken_away", lambda *_: 1.0)
+    monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, wholly: 40.0)
+    monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
+    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=object())
+    (cause,), _ = cause_naming.named(found, setup, {}, (), [start], 1.1e-3, 0.5e-3)
+    assert (cause.evidence, cause.err) == (40.0, 3e-3)
 
 
 def test_what_acts_now_and_then_counts_where_it_acts():

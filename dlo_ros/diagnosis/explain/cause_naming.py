@@ -111,8 +111,8 @@ def without_needless(
 
 
 def named(
-    found: Search, bares: Bares, recordings: Sequence[Recording], begun: Sequence[Start],
-    material: float, least: float, *, exact: bool = False,
+    found: Search, setup: Evaluation, bares: Bares, recordings: Sequence[Recording],
+    begun: Sequence[Start], material: float, least: float, *, exact: bool = False,
 ) -> tuple[tuple[Cause, ...], dict[str, float]]:  # fmt: skip
     """The causes without which the best model is clearly worse, numbers of the set-up among them,
     and the change of ln(E / mu) without each effect that was added.
@@ -125,6 +125,8 @@ def named(
     model can come with it and without it.
 
     Args:
+        setup: the set-up without causes, fitted: a fit without one of them that explains less has
+            gone astray.
         exact: whether the set-up is as precise as the data tell: then all that is certain is named.
     """
     at, offer = found.at, found.offer
@@ -141,6 +143,8 @@ def named(
         if bare is None:
             continue
         if group.start is not None:
+            astray = not exact and _loss_without(setup, bare) > 0.0
+            bare = setup if astray else bare
             shifts[group.effect] = _log_ratio(bare) - _log_ratio(at)
         here = here or approached(at, recordings, STEPS)
         there = approached(bare, recordings, STEPS)

@@ -203,7 +203,7 @@ def _concluded(
     material = material_err(own, given)
     missed = LOWERS * (setup.mean_err - own)
     least = max(missed, SMALL_SHARE * (prepared.plain_err - own))
-    causes, shifts = named(found, bares, recordings, begun, OWN * own, least, exact=exact)
+    causes, shifts = named(found, setup, bares, recordings, begun, OWN * own, least, exact=exact)
     if contact is not None:
         causes = tuple(_beside(c, contact) for c in causes)
     if found.at.mean_err >= material:
