@@ -38,28 +38,23 @@ DENSITY = MATERIAL.index("density")
 
 
 def forecast_varied(
-    manipulation: Manipulation,
-    settings: Settings,
-    *,
-    spans: int | None = None,
-    last_stamp: int | None = None,
+    manipulation: Manipulation, settings: Settings, *, spans: int | None = None
 ) -> Forecast:
     """Forecast of one recording as `forecast` gives it, with derivatives by `MATERIAL`.
 
     Raises:
         InputError, SimulationError: as `forecast`.
     """
-    together = exhausted(varied_in_pieces(manipulation, settings, spans, last_stamp))
+    together = exhausted(varied_in_pieces(manipulation, settings, spans))
     if together is not None:
         return together.forecast
-    return forecast(manipulation, settings, parameters=MATERIAL, spans=spans, last_stamp=last_stamp)
+    return forecast(manipulation, settings, parameters=MATERIAL, spans=spans)
 
 
 def varied_in_pieces(
     manipulation: Manipulation,
     settings: Settings,
     spans: int | None = None,
-    last_stamp: int | None = None,
     frames: int | None = None,
 ) -> Generator[None, None, Varied | None]:
     """Forecast as of `forecast_varied`, in short pieces; None where the sets cannot be simulated at
@@ -82,7 +77,7 @@ def varied_in_pieces(
             moved = theta.copy()
             moved[k] += side * DIFFERENCE[k]
             sets.append(with_logarithms(settings, moved))
-    together = yield from _together(manipulation, sets, spans, last_stamp, frames)
+    together = yield from _together(manipulation, sets, spans, None, frames)
     if together is None or any(f is None for f in together.forecasts):
         return None
     forecasts = [f for f in together.forecasts if f is not None]

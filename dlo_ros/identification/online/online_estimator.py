@@ -245,7 +245,7 @@ class OnlineEstimator:
             run = None
             past = self.window()
             if past is not None:
-                found = yield from short(varied_in_pieces(past, settings, spans, None, AT_ONCE))
+                found = yield from short(varied_in_pieces(past, settings, spans, AT_ONCE))
                 if found is not None:
                     run = Run.after(theta, self._numbers, found, self._past.noise_unit, error)
             if run is None:
