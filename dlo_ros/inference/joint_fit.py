@@ -38,6 +38,8 @@ FARTHER = 1.1
 """ERR over that at the beginning of a fit and what does not matter, above which a step is no better
 whatever its likelihood: an error that dies out holds whole swings for little, and the fit would
 follow their rapid part alone into a wrong minimum."""
+STEPS = 4
+"""Steps by which models come nearer to the shapes before they are compared."""
 SECANTS = 3
 """Steps in a row that may correct the derivatives instead of differentiating the simulation."""
 
@@ -85,7 +87,9 @@ def fit(
     return _rejudged(at) if draft else _differentiated(at, recordings)
 
 
-def approached(start: Evaluation, recordings: Sequence[Recording], steps: int) -> Evaluation:
+def approached(
+    start: Evaluation, recordings: Sequence[Recording], steps: int = STEPS
+) -> Evaluation:
     """Nearer to the shapes by steps whose derivatives are only corrected, never computed anew.
 
     All that is left counts as white noise. A step costs one simulation without derivatives.

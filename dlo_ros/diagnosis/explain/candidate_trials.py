@@ -43,8 +43,6 @@ SIZES, SIZE_TRIALS = 2.2, 6
 where its fit begins, and number of sizes that are simulated: no derivative tells of it."""
 PLACE_TRIALS = 25
 """Places that are simulated of something that the DLO hits: no derivative leads to them."""
-STEPS = 4
-"""Steps by which each proposal comes nearer to the shapes before the best of them are fitted."""
 TRIALS = 3
 """Proposals that are fitted: those of different effects that come nearest, and that of the largest
 predicted gain."""
@@ -190,7 +188,7 @@ def _checked(
     if not smooth:
         begin = borrowed(begin, _nearest_size(predicted, recordings), recordings)
     model = _held(begin.model, {*at.model.names, *(predicted.proposal.columns if smooth else ())})
-    found = approached(replace(begin, model=model), recordings, STEPS)
+    found = approached(replace(begin, model=model), recordings)
     return found.mean_err, replace(predicted, model=predicted.begin.at(found.model.theta()))
 
 

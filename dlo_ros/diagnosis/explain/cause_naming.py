@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import STEPS, fitted
+from dlo_ros.diagnosis.explain.candidate_trials import fitted
 from dlo_ros.diagnosis.explain.cause_search import (
     Offer,
     Search,
@@ -146,8 +146,8 @@ def named(
             astray = not exact and _loss_without(setup, bare) > 0.0
             bare = setup if astray else bare
             shifts[group.effect] = _log_ratio(bare) - _log_ratio(at)
-        here = here or approached(at, recordings, STEPS)
-        there = approached(bare, recordings, STEPS)
+        here = here or approached(at, recordings)
+        there = approached(bare, recordings)
         LOG.info("without %s: %.3f mm", group.label, 1e3 * there.mean_err)
         nearer = here.mean_err <= (1.0 - LOWERS) * there.mean_err
         if not nearer or not _needed(at, bare, group, begun):

@@ -16,7 +16,6 @@ import numpy as np
 
 from dlo_ros.diagnosis.explain.candidate_trials import (
     FIT_ITERATIONS,
-    STEPS,
     Step,
     Trial,
     best_gain,
@@ -131,7 +130,7 @@ def search(
             offers += _offers_beside(neutral, recordings, begun)
         least = np.inf
         if causes and not _matters(at, recordings, enough):
-            least = (1.0 - LOWERS) * approached(at, recordings, STEPS).mean_err
+            least = (1.0 - LOWERS) * approached(at, recordings).mean_err
         found, steps = best_trial(number, at, offers, recordings, least)
         if first is not None:
             gain = first[0].posterior.evidence - at.posterior.evidence
@@ -191,7 +190,7 @@ def _takes_little(found: Trial | None, at: Evaluation, recordings: Sequence[Reco
     """
     if found is None:
         return True
-    here, there = (approached(e, recordings, STEPS).mean_err for e in (at, found[0]))
+    here, there = (approached(e, recordings).mean_err for e in (at, found[0]))
     LOG.info("%s: %.3f mm, %.3f mm without", found[1].label, 1e3 * there, 1e3 * here)
     return there > (1.0 - LOWERS) * here
 

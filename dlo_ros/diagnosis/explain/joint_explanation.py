@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
 from dlo_ros.diagnosis.explain.candidate_trials import (
-    STEPS,
     Step,
     Trial,
     fitted,
@@ -177,7 +176,7 @@ def explain_again(prepared: Prepared, given: Settings, known: Explanation) -> Ex
     if at is None:
         return None
     # Correlated errors let a fit drift from the shapes: what counts is how near the model can come.
-    near, before = approached(at, recordings, STEPS).mean_err, known.at.mean_err
+    near, before = approached(at, recordings).mean_err, known.at.mean_err
     LOG.info("known causes: %.3f mm, %.3f mm before", 1e3 * near, 1e3 * before)
     gain = at.posterior.evidence - prepared.setup.posterior.evidence
     if near > max(OWN * before, enough) or gain < WORTH:

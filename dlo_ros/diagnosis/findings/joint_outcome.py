@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import STEPS
 from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.exact_setup import opened
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation, still_certain
@@ -228,7 +227,7 @@ def _set_up_err(
         bare = bare if bare is final else _completed(bare, recordings, known)
         if len(bare.err) == len(recordings) and bare.mean_err >= matters:
             # Correlated errors let a fit drift from the shapes.
-            return min(bare.mean_err, approached(bare, recordings, STEPS).mean_err)
+            return min(bare.mean_err, approached(bare, recordings).mean_err)
     return bare.mean_err
 
 
