@@ -129,7 +129,7 @@ def test_a_diagnosis_takes_the_scale_of_its_forces(swinging):
     assert effect.parameters["mass"].value == pytest.approx(0.01, rel=0.05)
     # Shapes tell a mass over mu: what they do not know of mu is no longer in it.
     vague = NamedEffect("point_mass", {"mass": Number(0.008, 0.0024, "kg")}, ())
-    guessed = replace(model, density=(rod.density, 0.299 * rod.density))
+    guessed = replace(model, scale_std=0.299)
     (sharp,) = with_forces(
         replace(found, effects=(vague,), extended=guessed), [few], known(SENSOR)
     ).effects

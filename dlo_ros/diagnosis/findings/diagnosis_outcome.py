@@ -69,6 +69,7 @@ class Fitted:
         settings: settings with the estimated values.
         young_modulus, density, specific_modulus: value and std (None: unbounded).
         err_train, err_holdout: time mean of eq. (10) [m]; None where it cannot be simulated.
+        scale_std: relative std of the density, and so of all forces together, unbounded or not.
     """
 
     settings: Settings
@@ -77,6 +78,7 @@ class Fitted:
     specific_modulus: tuple[float, float | None]
     err_train: float | None
     err_holdout: float | None
+    scale_std: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -116,6 +117,7 @@ def fitted_material(
     stiffness_error = float(np.linalg.norm(shifts))
     unit = {name: at.model.axis(name) for name in ("young_modulus", "density")}
     result: list[tuple[float, float | None]] = []
+    scale_std = math.sqrt(max(float(unit["density"] @ spread @ unit["density"]), 0.0))
     for value, c in (
         (rod.young_modulus, unit["young_modulus"]),
         (rod.density, unit["density"]),
@@ -124,7 +126,9 @@ def fitted_material(
         of_stiffness = stiffness_error * c[at.model.index("young_modulus")]
         std = float(np.hypot(np.sqrt(max(float(c @ spread @ c), 0.0)), of_stiffness))
         result.append((value, value * std if std < UNBOUNDED else None))
-    return Fitted(at.model.settings, result[0], result[1], result[2], err_train, err_holdout)
+    return Fitted(
+        at.model.settings, result[0], result[1], result[2], err_train, err_holdout, scale_std
+    )  # fmt: skip
 
 
 def plain_material(plain: Settings, err_train: float | None, err_holdout: float | None) -> Fitted:

@@ -65,7 +65,7 @@ def with_forces(
         found,
         baseline=_scaled(found.baseline, base),
         extended=_scaled(found.extended, extended),
-        effects=tuple(_effect(e, extended, _relative(found.extended)) for e in found.effects),
+        effects=tuple(_effect(e, extended, found.extended.scale_std) for e in found.effects),
         remarks=(*found.remarks, words(extended.relative, count)),
     )
 
@@ -101,18 +101,12 @@ def _scaled(model: Fitted, scale: Scale) -> Fitted:
     )  # fmt: skip
 
 
-def _relative(model: Fitted) -> float:
-    """How well shapes know the scale of all forces; 0 where they tell nothing of it."""
-    density, std = model.density
-    return 0.0 if std is None else std / density
-
-
 def _effect(effect: NamedEffect, scale: Scale, before: float) -> NamedEffect:
     """An effect whose forces have another scale.
 
     Args:
-        before: relative standard deviation of the scale that its own contain, see `_relative`:
-            shapes tell a mass over mu.
+        before: relative standard deviation of the scale that its own contain, see
+            `Fitted.scale_std`: shapes tell a mass over mu.
     """
     result = {}
     for key, number in effect.parameters.items():
