@@ -307,6 +307,21 @@ def test_a_recording_that_is_not_explained_does_not_spoil_the_rest(
 
 
 @pytest.mark.parametrize(
+    ("exact", "far", "may"),
+    [(True, (), {"gravity_tilt"}), (True, ("gravity_tilt",), set()), (False, (), set())],
+)
+def test_a_set_up_does_the_work_of_what_lies_within_its_tolerances(monkeypatch, exact, far, may):
+    groups = [SimpleNamespace(effect=name) for name in far]
+    monkeypatch.setattr(joint_outcome, "beyond", lambda _: groups)
+    causes = (Cause("gravity_tilt", (), {}, 9.0, 5e-3),)
+    found = SimpleNamespace(setup=None, causes=causes, exact=exact)
+    of_itself = joint_outcome._of_itself(found)
+    assert of_itself == may
+    verdict = _verdict(0.5 * MATTERS, 0.5 * MATTERS, MATTERS, NAMEABLE, causes, of_itself)
+    assert verdict == ("adequate" if may else "explained")
+
+
+@pytest.mark.parametrize(
     ("matters", "causes", "of_all", "err"),
     [
         (1.5e-3, (), 2e-3, 1e-3),

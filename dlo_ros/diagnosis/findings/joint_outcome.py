@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dlo_ros.diagnosis.explain.cause_naming import Cause
+from dlo_ros.diagnosis.explain.certainty import beyond
 from dlo_ros.diagnosis.explain.exact_setup import opened
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation, still_certain
 from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
@@ -138,7 +139,7 @@ def joint_outcome(
     # A fit to all that lies farther off than what was predicted has only ended early.
     reached = min(at.mean_err, final.learned.mean_err or np.inf)
     verdict = _verdict(
-        setup, max(reached, least), matters, found.nameable_err, found.causes, exact=found.exact
+        setup, max(reached, least), matters, found.nameable_err, found.causes, _of_itself(found)
     )
     missed = (holdout.mean(errors.seen_before) or 0.0) - own
     related_before = related_after = None
@@ -272,8 +273,7 @@ def _verdict(
     matters: float,
     nameable: float,
     causes: Sequence[Cause],
-    *,
-    exact: bool = False,
+    of_itself: Collection[str] = (),
 ) -> Verdict:
     """The verdict by the ERR [m] of the set-up and of the full model, fitted to everything.
 
@@ -286,16 +286,23 @@ def _verdict(
         matters: ERR [m] below which nothing is left to explain.
         nameable: ERR [m] that a cause must take away to be named.
         causes: causes that are named.
-        exact: whether they are named beside a set-up as precise as the data tell: one within its
-            tolerances may do their work, too.
+        of_itself: effects among them whose work the set-up does within its tolerances.
     """
-    if setup < matters and (exact or all(c.err < matters for c in causes)):
+    if setup < matters and all(c.effect in of_itself or c.err < matters for c in causes):
         return "adequate"
     if after >= matters:
         return "unexplained"
     if causes:
         return "explained"
     return "adequate" if setup - after < nameable else "unexplained"
+
+
+def _of_itself(found: Explanation) -> set[str]:
+    """Causes whose work a set-up does within its tolerances: those of one as precise as the data
+    tell, but for its numbers that lie beyond their tolerance in the fit of the set-up, too.
+    """
+    far = {g.effect for g in beyond(found.setup)} if found.exact else set()
+    return {c.effect for c in found.causes if found.exact} - far
 
 
 def _share(before: float | None, after: float | None, own: float) -> float | None:
