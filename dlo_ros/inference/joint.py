@@ -113,8 +113,9 @@ def _boundless(jacobian: FloatArray, model: ParametricModel, names: Sequence[str
     Through impacts, the derivatives of a motion grow beyond what any step could do.
     """
     steps = np.array([model.parameters[model.index(name)].step for name in names])
-    moves = np.linalg.norm(jacobian, axis=2) * steps
-    return bool(moves.size) and float(moves.max()) > model.settings.rod.length
+    with np.errstate(over="ignore"):  # they may grow beyond all numbers, too
+        moves = np.linalg.norm(jacobian, axis=2) * steps
+    return bool(moves.size) and not float(moves.max()) <= model.settings.rod.length
 
 
 def _differences(

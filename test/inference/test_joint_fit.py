@@ -70,6 +70,9 @@ def test_where_derivatives_grow_beyond_what_a_step_could_do_there_are_difference
     assert not joint._boundless(steep[:, :0], at.model, ())
     steep[-1, 0, 0] = 1.1 * length / at.model.parameters[0].step
     assert joint._boundless(steep, at.model, at.model.names)
+    for beyond in (1e200, np.inf, np.nan):  # without a word to the user
+        steep[-1, 0, 0] = beyond
+        assert joint._boundless(steep, at.model, at.model.names)
 
     monkeypatch.setattr(joint, "_boundless", lambda jacobian, *_: jacobian.shape[1] > 0)
     for (r, j), (there, differences) in zip(
