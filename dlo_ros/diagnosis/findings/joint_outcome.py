@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.explain.cause_naming import Cause
-from dlo_ros.diagnosis.explain.certainty import beyond
+from dlo_ros.diagnosis.explain.certainty import is_beyond
 from dlo_ros.diagnosis.explain.exact_setup import opened
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation, still_certain
 from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
@@ -37,6 +37,7 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
 from dlo_ros.diagnosis.findings.shape_views import views
 from dlo_ros.diagnosis.findings.without_own_error import without_own_error
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning, whitened
+from dlo_ros.diagnosis.proposals.linear_evidence import freed
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
 from dlo_ros.effects import effects
 from dlo_ros.errors import SimulationError
@@ -299,10 +300,12 @@ def _verdict(
 
 def _of_itself(found: Explanation) -> set[str]:
     """Causes whose work a set-up does within its tolerances: those of one as precise as the data
-    tell, but for its numbers that lie beyond their tolerance in the fit of the set-up, too.
+    tell, but for its numbers that lie far beyond their tolerance in the fit of the set-up, too.
     """
-    far = {g.effect for g in beyond(found.setup)} if found.exact else set()
-    return {c.effect for c in found.causes if found.exact} - far
+    if not found.exact:
+        return set()
+    far = {g.effect for g in freed(found.setup.model) if is_beyond(found.setup, g)}
+    return {c.effect for c in found.causes} - far
 
 
 def _share(before: float | None, after: float | None, own: float) -> float | None:
