@@ -311,11 +311,10 @@ def test_a_recording_that_is_not_explained_does_not_spoil_the_rest(
     [(True, (), {"gravity_tilt"}), (True, ("gravity_tilt",), set()), (False, (), set())],
 )
 def test_a_set_up_does_the_work_of_what_lies_within_its_tolerances(monkeypatch, exact, far, may):
-    groups = [SimpleNamespace(effect=name) for name in ("gravity_tilt", "camera_scale")]
-    monkeypatch.setattr(joint_outcome, "freed", lambda _: groups)
-    monkeypatch.setattr(joint_outcome, "is_beyond", lambda _, group: group.effect in far)
+    groups = [SimpleNamespace(effect=name) for name in far]
+    monkeypatch.setattr(joint_outcome, "far_off", lambda _: groups)
     causes = (Cause("gravity_tilt", (), {}, 9.0, 5e-3),)
-    found = SimpleNamespace(setup=SimpleNamespace(model=None), causes=causes, exact=exact)
+    found = SimpleNamespace(setup=None, causes=causes, exact=exact)
     of_itself = joint_outcome._of_itself(found)
     assert of_itself == may
     verdict = _verdict(0.5 * MATTERS, 0.5 * MATTERS, MATTERS, NAMEABLE, causes, of_itself)

@@ -22,7 +22,7 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     best_trial,
     fitted,
 )
-from dlo_ros.diagnosis.explain.certainty import is_beyond, tolerances_off
+from dlo_ros.diagnosis.explain.certainty import far_off, tolerances_off
 from dlo_ros.diagnosis.explain.measurement_error import own_err
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     Extra,
@@ -200,8 +200,7 @@ def _strained(
 ) -> list[Proposal]:
     """Numbers of the set-up beyond their tolerance that are not exchanged yet, farthest first."""
     own = [c for c in causes if c.start is None]
-    far = [g for g in freed(at.model) if is_beyond(at, g)]
-    groups = [g for g in (*own, *far) if g.label not in exchanged]
+    groups = [g for g in (*own, *far_off(at)) if g.label not in exchanged]
     return sorted(groups, key=lambda g: -tolerances_off(at, g))
 
 

@@ -55,6 +55,11 @@ def is_beyond(at: Evaluation, group: Proposal, tolerances: float = BEYOND) -> bo
     return group.from_nothing and tolerances_off(at, group) > tolerances
 
 
+def far_off(at: Evaluation) -> list[Proposal]:
+    """Groups of the set-up with a size more than `BEYOND` tolerances off."""
+    return [g for g in freed(at.model) if is_beyond(at, g)]
+
+
 def strains(bare: Evaluation, at: Evaluation) -> bool:
     """Whether the set-up lies beyond its tolerance without a cause, and not with it.
 

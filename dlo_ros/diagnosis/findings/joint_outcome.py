@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.explain.cause_naming import Cause
-from dlo_ros.diagnosis.explain.certainty import is_beyond
+from dlo_ros.diagnosis.explain.certainty import far_off
 from dlo_ros.diagnosis.explain.exact_setup import opened
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation, still_certain
 from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
@@ -37,7 +37,6 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
 from dlo_ros.diagnosis.findings.shape_views import views
 from dlo_ros.diagnosis.findings.without_own_error import without_own_error
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning, whitened
-from dlo_ros.diagnosis.proposals.linear_evidence import freed
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
 from dlo_ros.effects import effects
 from dlo_ros.errors import SimulationError
@@ -304,8 +303,7 @@ def _of_itself(found: Explanation) -> set[str]:
     """
     if not found.exact:
         return set()
-    far = {g.effect for g in freed(found.setup.model) if is_beyond(found.setup, g)}
-    return {c.effect for c in found.causes} - far
+    return {c.effect for c in found.causes} - {g.effect for g in far_off(found.setup)}
 
 
 def _share(before: float | None, after: float | None, own: float) -> float | None:
