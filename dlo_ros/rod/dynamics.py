@@ -11,18 +11,22 @@ energy with another stiffness and other rest strains. The compiled steps are in
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
+from dlo_ros.rod.batch.layout import Layout
 from dlo_ros.rod.batch.parameter_sets import ParameterSets
+from dlo_ros.rod.batch.sensitivity_lanes import SensitivityLanes
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.integration import Track, integrate
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import moving_of, state_of, true_command
+from dlo_ros.rod.packing import moving_of, state_of, true_command, varying_in_space
 from dlo_ros.rod.planar_model import in_plane
-from dlo_ros.rod.sensitivity_parameters import compiled
+from dlo_ros.rod.sensitivity.sensitivity_state import LINEAR
+from dlo_ros.rod.sensitivity_parameters import Compiled, compiled
 from dlo_ros.rod.solve.generalised_alpha import starting_acceleration
 from dlo_ros.rod.state import State
 
@@ -64,15 +68,46 @@ def follow(
     """
     true = true_command(model, command)
     flat = in_plane(model, state, true, parameters)
-    if not parameters and not speeds and in_lanes(model, boundary):
-        tracks = sets_of(model, boundary).follow([state], command, stamps, flat=flat)
-        if tracks.failures:
-            raise SimulationError(tracks.failures[0])
-        none = np.zeros((len(stamps), 0, *state.q.shape))
-        shapes = tracks.shapes[0]
-        still, twists = np.zeros_like(shapes), np.zeros((0, 0)) if flat else tracks.twists[0]
-        return Track(tracks.state(0), shapes, still, twists, none, tracks.steps[0])
+    if in_lanes(model, boundary) and (flat or not parameters):
+        track = _in_lanes(model, boundary, state, command, stamps, parameters, flat, speeds)
+        if track is not None:
+            return track
     return integrate(model, boundary, state, command, stamps, parameters, flat=flat)
+
+
+def _in_lanes(
+    model: RodModel,
+    boundary: Boundary,
+    state: State,
+    command: Command,
+    stamps: Sequence[int],
+    parameters: Sequence[str],
+    flat: bool,
+    speeds: bool,
+) -> Track | None:
+    """The same by the vectorised engine; None where that cannot be done with sensitivities."""
+    sets, lanes = sets_of(model, boundary), None
+    if parameters:
+        rod = compiled(model, boundary, command, parameters, flat=flat)
+        if rod.kind != LINEAR:
+            return None
+        lanes = sensitivities_of(model, rod, sets.layout(flat=flat))
+        lanes.begin(state)
+    tracks = sets.follow(
+        [state], command, stamps, flat=flat, speeds=speeds or bool(parameters), sensitivities=lanes
+    )
+    if tracks.failures:
+        raise SimulationError(tracks.failures[0])
+    shapes, end = tracks.shapes[0], tracks.state(0)
+    still = tracks.speeds[0] if tracks.speeds.shape[1] else np.zeros_like(shapes)
+    twists = np.zeros((0, 0)) if flat else tracks.twists[0]
+    if lanes is None or tracks.derivatives is None:
+        none = np.zeros((len(stamps), 0, *state.q.shape))
+        return Track(end, shapes, still, twists, none, tracks.steps[0])
+    if 0 in tracks.ends.alone:  # without sensitivities
+        return None
+    end = replace(end, sensitivity=varying_in_space(lanes.end(), end.q))
+    return Track(end, shapes, still, twists, tracks.derivatives, tracks.steps[0])
 
 
 def in_lanes(model: RodModel, boundary: Boundary) -> bool:
@@ -86,6 +121,14 @@ def sets_of(model: RodModel, boundary: Boundary) -> ParameterSets:
     if boundary not in cache:
         cache[boundary] = ParameterSets([model], boundary)
     return cache[boundary]
+
+
+def sensitivities_of(model: RodModel, rod: Compiled, layout: Layout) -> SensitivityLanes:
+    """The sensitivities of a rod in lanes, kept with the rod."""
+    kept: list[SensitivityLanes] = rod.__dict__.setdefault("_lanes", [])
+    if not kept:
+        kept.append(SensitivityLanes(model, rod, layout))
+    return kept[0]
 
 
 def with_consistent_acceleration(

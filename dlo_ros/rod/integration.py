@@ -69,7 +69,7 @@ def integrate(
     rod = compiled(model, boundary, command, parameters, flat=flat)
     moving = moving_of(state, true, flat=flat)
     if parameters:
-        varying = varying_of(state, rod.mark(nothing_varies(state, 0)), flat=flat)
+        varying = rod.mark(varying_of(state, flat=flat))
     else:
         varying = nothing_varies(state, 0, flat=flat)
     times = (np.asarray(stamps, dtype=np.int64) - true.stamp) / NANOSECONDS

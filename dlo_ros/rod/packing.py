@@ -120,16 +120,12 @@ def moving_of(state: State, command: Command, *, flat: bool) -> IntegratorState:
     )  # fmt: skip
 
 
-def varying_of(state: State, wanted: SensitivityState, *, flat: bool) -> SensitivityState:
-    """A copy of a state's sensitivities for compiled code.
-
-    Args:
-        wanted: sensitivity parameters, see `sensitivity_parameters`.
-    """
+def varying_of(state: State, *, flat: bool) -> SensitivityState:
+    """A copy of a state's sensitivities for compiled code; their parameters are not in it."""
     v = state.sensitivity
     assert v is not None
     return SensitivityState(
-        wanted.step, wanted.moves, wanted.rates, wanted.kind, reduce(v.q, flat),
+        v.step, v.moves, v.rates, v.kind, reduce(v.q, flat),
         reduce(v.velocity, flat), reduce(v.acceleration, flat), reduce(v.auxiliary, flat),
         Reference(*(x.copy() for x in v.reference)), v.frames.copy(), v.stretch.copy(),
         v.stretch_before.copy(), v.other.copy(), v.other_before.copy(),
@@ -164,6 +160,14 @@ def insensitive(state: State, count: int) -> State:
     return replace(state, sensitivity=nothing_varies(state, count) if count else None)
 
 
+def varying_in_space(varying: SensitivityState, q: FloatArray) -> SensitivityState:
+    """Sensitivities of a planar rod as those of one in space at q (n, 4)."""
+    return varying._replace(
+        q=expand(varying.q, q), velocity=expand(varying.velocity, q),
+        acceleration=expand(varying.acceleration, q), auxiliary=expand(varying.auxiliary, q),
+    )  # fmt: skip
+
+
 def state_of(
     model: RodModel, before: State, m: IntegratorState, stamp: int,
     varying: SensitivityState | None = None,
@@ -177,12 +181,7 @@ def state_of(
         expand(x, q) if zero is None else zero for x in (m.velocity, m.acceleration, m.auxiliary)
     )
     if varying is not None and flat:
-        d_q = expand(varying.q, q)
-        changes = [varying.velocity, varying.acceleration, varying.auxiliary]
-        changes = [np.zeros_like(d_q)] * 3 if still else [expand(x, q) for x in changes]
-        varying = varying._replace(
-            q=d_q, velocity=changes[0], acceleration=changes[1], auxiliary=changes[2]
-        )
+        varying = varying_in_space(varying, q)
     return State(
         stamp, q, velocity, acceleration, auxiliary,
         flat_reference(model, q, before.reference) if flat else m.reference, m.frames,

@@ -11,7 +11,8 @@ from rods import PAPER, SECOND, command
 from dlo_ros.command import Motion
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
-from dlo_ros.rod import dynamics, integration
+from dlo_ros.rod import integration
+from dlo_ros.rod.batch import parameter_sets
 from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.sensitivity_parameters import STEP, known, variation_of
 from dlo_ros.rod.simulation import Simulation
@@ -205,9 +206,9 @@ def at_rest(settings, imposed):
 @pytest.fixture
 def same_steps(monkeypatch):
     """Every run takes the same steps and solves them exactly."""
-    monkeypatch.setattr(dynamics, "in_lanes", lambda *_: False)
     monkeypatch.setattr(integration, "STEP_SHARE", 1e3)
     monkeypatch.setattr(integration, "NEWTON_SHARE", 1e-11)
+    monkeypatch.setattr(parameter_sets, "NEWTON_SHARE", 1e-11)
 
 
 @pytest.mark.parametrize("space", some_of([False, True], [False]), ids=["plane", "space"])

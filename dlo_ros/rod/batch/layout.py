@@ -38,6 +38,7 @@ class Layout:
         flat: whether they move in the plane y = 0, with x and z only.
 
     Attributes:
+        dof: numbers of a control point.
         place: where the rows of each part of a state begin, in the order of `BatchState`.
         order: number of the set in each lane, (C, LANES); the last one fills up.
     """
@@ -46,6 +47,7 @@ class Layout:
         self.flat = flat
         first, points = models[0], len(models[0].rule.weight)
         n, d = first.basis.control_points, 2 if flat else DOF
+        self.dof = d
         self.tables = tables_of(first.rule, _fixed(boundary, n, flat=flat))
         self.order = np.minimum(np.arange(-(-len(models) // LANES) * LANES), len(models) - 1)
         self.order = self.order.reshape(-1, LANES)

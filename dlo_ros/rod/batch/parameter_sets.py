@@ -18,6 +18,7 @@ from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.rod import integration
 from dlo_ros.rod.batch.layout import Layout
+from dlo_ros.rod.batch.sensitivity_lanes import NO_PARAMETERS, SensitivityLanes
 from dlo_ros.rod.batch.simd_integration import DONE, NO_DIRECTION, march
 from dlo_ros.rod.batch.tracks import EndStates, Tracks
 from dlo_ros.rod.boundary import conditions
@@ -104,6 +105,8 @@ class ParameterSets:
         stamps: Sequence[int],
         *,
         flat: bool | None = None,
+        speeds: bool = False,
+        sensitivities: SensitivityLanes | None = None,
     ) -> Tracks:
         """Integrate all sets through stamps, as `dynamics.follow` does one.
 
@@ -115,6 +118,8 @@ class ParameterSets:
             states: one state for each set, all at the same instant.
             stamps: [ns], growing, none before the states'.
             flat: whether all sets stay in the plane y = 0, where that is known.
+            speeds: whether the velocities at the stamps are wanted.
+            sensitivities: derivatives that the only set, in the plane, carries along.
 
         Raises:
             InputError: the states do not fit the sets.
@@ -124,9 +129,7 @@ class ParameterSets:
         self._check_states(states)
         if flat is None:
             flat = self._in_plane(states, command)
-        if flat not in self._layouts:
-            self._layouts[flat] = Layout(self.models, self.boundary, flat=flat)
-        layout = self._layouts[flat]
+        layout = self.layout(flat=flat)
         motion = layout.motion(states)
         lengthening = self.models[0].body.lengthening
         length, n = self.models[0].basis.length, self.models[0].basis.control_points
@@ -138,35 +141,47 @@ class ParameterSets:
         others = [] if alone else self._other_frames(states, frames, layout)
         frames = frames[layout.order[:, 0]]
         shapes = rows(len(clock), len(times), layout.place[1])
+        moving = rows(len(clock), len(times) if speeds else 0, layout.place[1])
+        derivatives = rows(len(times), sensitivities.groups if sensitivities else 0,
+                           layout.place[1])  # fmt: skip
         status = np.empty((len(clock), 2), np.int64)
         twists = rows(len(clock), len(times), 0 if flat else len(states[0].strains.stretch))
         march(
             layout.sets, layout.tables, self.boundary.imposed(command), frames, motion,
             layout.place, layout.room, clock, self.boundary.reach * lengthening, length, times,
-            self._tolerance, max(NEWTON_SHARE * self._tolerance, ROUNDING * length), shapes,
-            twists, status,
+            self._tolerance, max(NEWTON_SHARE * self._tolerance, ROUNDING * length),
+            sensitivities.variations if sensitivities else NO_PARAMETERS, shapes, moving, twists,
+            derivatives, status,
         )  # fmt: skip
         if np.any(status[:, 0] == NO_DIRECTION):
             raise CommandError(NO_DIRECTION_TEXT)
         count = len(states)
-        moved, twisted = (
-            x.transpose(0, 3, 1, 2).reshape(len(clock) * LANES, len(times), x.shape[2])[:count]
-            for x in (shapes, twists)
+        moved, faster, twisted = (
+            x.transpose(0, 3, 1, 2).reshape(len(clock) * LANES, *x.shape[1:3])[:count]
+            for x in (shapes, moving, twists)
         )
-        moved = moved.reshape(count, len(times), n, -1)
+        moved, faster = (x.reshape(*x.shape[:2], n, layout.dof) for x in (moved, faster))
         stamp = int(stamps[-1]) if len(stamps) else states[0].stamp
         directed = np.array([[self.boundary.clamped_start], [self.boundary.clamped_end]])
         ends = EndStates(
             self.models, tuple(states), layout.unpacked(motion), clock, frames, directed, stamp
         )
         tracks = Tracks(
-            expand(moved, states[0].q), twisted, status[:, 1].repeat(LANES)[:count], {}, ends
-        )
+            expand(moved, states[0].q), expand(faster, states[0].q), twisted,
+            expand(sensitivities.derivatives(derivatives), states[0].q) if sensitivities else None,
+            status[:, 1].repeat(LANES)[:count], {}, ends,
+        )  # fmt: skip
         for group in np.flatnonzero(status[:, 0] != DONE):
             others += np.unique(layout.order[group]).tolist()
         for k in sorted(set(others)):
             self._alone(k, tracks, commanded, stamps, flat=flat)
         return tracks
+
+    def layout(self, *, flat: bool) -> Layout:
+        """The sets in lanes, in the plane or in space."""
+        if flat not in self._layouts:
+            self._layouts[flat] = Layout(self.models, self.boundary, flat=flat)
+        return self._layouts[flat]
 
     def _true(self, command: Command) -> Command:
         """The command with the sets' effects, which must agree on it."""
@@ -194,9 +209,11 @@ class ParameterSets:
             )
         except (SimulationError, ZeroDivisionError) as err:  # the latter: coinciding points
             tracks.failures[k] = str(err)
-            tracks.shapes[k] = tracks.twists[k] = np.nan
+            tracks.shapes[k] = tracks.speeds[k] = tracks.twists[k] = np.nan
             return
         tracks.shapes[k] = track.shapes
+        if tracks.speeds.shape[1]:
+            tracks.speeds[k] = track.speeds
         if not flat:
             tracks.twists[k] = track.twists
         tracks.steps[k] += track.steps

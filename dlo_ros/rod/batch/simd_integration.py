@@ -9,15 +9,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.adaptive_integration import FIRST_STEP, next_stop
-from dlo_ros.rod.batch.simd_kernels import BatchLaw, Frame, Scratch, Tables, tensions
+from dlo_ros.rod.batch.simd_kernels import BatchLaw, Scratch, Tables, tensions
+from dlo_ros.rod.batch.simd_sensitivity import (
+    impose_variants,
+    last_corner,
+    propagate,
+    remember,
+    sets_at,
+    state_at,
+)  # fmt: skip
 from dlo_ros.rod.batch.simd_step import (
     UNKNOWN,
-    BatchState,
     Room,
-    Sets,
     accept,
     rate_weights,
     try_step,
@@ -30,7 +35,7 @@ from dlo_ros.rod.solve.integrator_state import assign
 
 @linked(from_python=True)
 def march(sets, tables, imposed, frames, motion, place, room, clock, reach, limit, stops, tolerance,
-          newton, shapes, twists, status):  # fmt: skip
+          newton, variations, shapes, speeds, twists, derivatives, status):  # fmt: skip
     """Integrate all sets to a series of times, one group of LANES after the other.
 
     Args:
@@ -43,8 +48,12 @@ def march(sets, tables, imposed, frames, motion, place, room, clock, reach, limi
         stops: times [s] from the command's start, growing, (S,).
         tolerance: error that one step may add [m], in the mean over the rod.
         newton: convergence of Newton's method [m].
+        variations: parameters of the only set, in the plane, whose sensitivities are carried along;
+            those of no parameter else.
         shapes: output, (C, S, d n, LANES).
+        speeds: output, velocities, likewise; (C, 0, d n, LANES) where they are not wanted.
         twists: output, twist strain [rad/m], (C, S, nb, LANES); nothing in the plane.
+        derivatives: output, (S, G, 2 n, LANES).
         status: output, how each group ended and its steps, rejected ones included, (C, 2).
     """
     common = Tables(
@@ -62,43 +71,24 @@ def march(sets, tables, imposed, frames, motion, place, room, clock, reach, limi
         address(room.v_star), address(room.lag), address(room.auxiliary), address(room.target),
     )  # fmt: skip
     for c in range(clock.shape[0]):
-        law = sets.law
-        group = Sets(
-            BatchLaw(address(law.stretch[c]), address(law.stretch_rest[c]), address(law.bend[c]),
-                address(law.bend_rest[c])),
-            address(sets.mass[c]), address(sets.drag[c]), address(sets.spin[c]),
-            address(sets.load[c]), address(sets.relaxation_time[c]),
-        )  # fmt: skip
-        group_motion = motion[c]
-        state = BatchState(
-            _part(group_motion, place, 0), _part(group_motion, place, 1),
-            _part(group_motion, place, 2), _part(group_motion, place, 3),
-            _part(group_motion, place, 4), _part(group_motion, place, 5),
-            _part(group_motion, place, 6), _part(group_motion, place, 7),
-            Frame(_part(group_motion, place, 8), _part(group_motion, place, 9),
-                  _part(group_motion, place, 10), _part(group_motion, place, 11)),
-            _part(group_motion, place, 12),
-        )  # fmt: skip
+        group, state = sets_at(sets, c), state_at(motion, c, place)
         tensions(state.stretch, group.law, common, state.tension)
         status[c, 0], status[c, 1] = _march_group(
             group, common, imposed, frames[c], state, space, room.target, clock[c], reach, limit,
-            stops, tolerance, newton, shapes[c], twists[c],
+            stops, tolerance, newton, place, variations, shapes[c], speeds[c], twists[c],
+            derivatives,
         )  # fmt: skip
-
-
-@njit(from_python=False)
-def _part(motion, place, k):
-    """Address of part k of a group's state."""
-    return address(motion[place[k] :])
 
 
 @linked()
 def _march_group(sets, tables, imposed, frames, motion, room, target, clock, reach, limit, stops,
-                 tolerance, newton, shapes, twists):  # fmt: skip
+                 tolerance, newton, place, variations, shapes, speeds, twists,
+                 derivatives):  # fmt: skip
     """Integrate one group; `adaptive_integration.march` says how steps are chosen."""
     steps, pace = 0, UNKNOWN
     theta, pins, tried = np.zeros(2), np.zeros((0, 3)), frames.copy()
     at_rest = False  # whether the target is one that no longer changes
+    groups, corner, varied_at_rest = derivatives.shape[1], last_corner(variations.imposed), False
     for k in range(stops.size):
         while clock[0] < stops[k] - 1e-12:
             end = next_stop(imposed.times, clock[0], stops[k])
@@ -126,8 +116,15 @@ def _march_group(sets, tables, imposed, frames, motion, room, target, clock, rea
                 h *= max(0.2, 0.8 * (tolerance / error) ** (1.0 / 3.0)) if done else 0.25
                 if h < SMALLEST_STEP:
                     return NO_CONVERGENCE, steps
+            if groups > 0:
+                remember(tables, motion, variations)
             accept(tables, motion, room, h)
             assign(frames, tried)
+            if groups > 0:
+                if not varied_at_rest:
+                    impose_variants(tables, variations, clock[0] + h)
+                    varied_at_rest = clock[0] + h >= corner
+                propagate(sets, tables, motion, room, h, weights, place, variations)
             growth = 2.0
             if error > 0.0:
                 growth = min(2.0, 0.9 * (tolerance / error) ** (1.0 / 3.0))
@@ -137,8 +134,14 @@ def _march_group(sets, tables, imposed, frames, motion, room, target, clock, rea
             clock[0] = end if h >= remaining * (1.0 - 1e-12) else clock[0] + h
         for i in range(tables.dof * tables.n):
             store(shapes[k], i, load(motion.q, i))
+            if speeds.shape[0] > 0:
+                store(speeds[k], i, load(motion.velocity, i))
         for e in range(twists.shape[1]):
             store(twists[k], e, load(motion.bend, 3 * e + 2))
+        for g in range(groups):
+            change = state_at(variations.changes, g, place)
+            for i in range(2 * tables.n):
+                store(derivatives[k, g], i, load(change.q, i))
     return DONE, steps
 
 

@@ -95,7 +95,7 @@ def tables_of(rule: Quadrature, fixed: FloatArray) -> Tables:
 
 
 @njit(inline="always")
-def _point(q, tables, e):
+def slopes(q, tables, e):
     """First and second derivative along u at point e."""
     at = 2 * (e // 3)
     u, v, x, z = entry(tables.b1, 4 * e), entry(tables.b2, 4 * e), load(q, at), load(q, at + 1)
@@ -114,17 +114,17 @@ def _point(q, tables, e):
 def strains(q, tables, stretch, bend):
     """Write stretch of whole spans and curvature, (nb, LANES)."""
     for e in range(3 * tables.spans):
-        px, pz, sx, sz = _point(q, tables, e)
+        px, pz, sx, sz = slopes(q, tables, e)
         square = px * px + pz * pz
         n = root(square)
         store(bend, e, (pz * sx - px * sz) / (square * n))
         store(stretch, e, n - 1.0)
         if e % 3 == 2:
-            _span_stretch(stretch, e - 2, entry(tables.linear, e // 3) > 0.0)
+            span_stretch(stretch, e - 2, entry(tables.linear, e // 3) > 0.0)
 
 
 @njit(inline="always")
-def _span_stretch(stretch, first, linear):
+def span_stretch(stretch, first, linear):
     """`strains.span_stretch` of a span whose first point is given."""
     a, b, c = load(stretch, first), load(stretch, first + 1), load(stretch, first + 2)
     if linear:
@@ -204,7 +204,7 @@ def _points(q, tables, law, scratch, span, linear, tension, first):
             store(line, k, zero)
     for g in range(3):
         e = 3 * span + g
-        px, pz, sx, sz = _point(q, tables, e)
+        px, pz, sx, sz = slopes(q, tables, e)
         square = px * px + pz * pz
         r2 = 1.0 / square
         n = root(square)
@@ -283,7 +283,7 @@ def _lengths(q, tables, span, tangent, promised):
     a, b, c = spread(0.0), spread(0.0), spread(0.0)
     for g in range(3):
         e = 3 * span + g
-        px, pz, _, _ = _point(q, tables, e)
+        px, pz, _, _ = slopes(q, tables, e)
         a, b = b, c
         c = _along(tangent, e, px, pz) if promised else root(px * px + pz * pz)
     return OUTER * (a + c) + MIDDLE * b, 0.5 * (c - a)

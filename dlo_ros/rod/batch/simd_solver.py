@@ -89,13 +89,36 @@ def solve(scratch, tables):
                 store(band, to + b, load(band, to + b) - factor * load(band, at + b))
             store(step, k + a, load(step, k + a) - factor * y)
         store(band, at, inverse)
+    _substitute_back(band, step, lo, hi)
+    return 0.0 - largest(0.0 - lowest)
+
+
+@linked()
+def solve_again(band, step, tables):
+    """Replace another right-hand side by the solution, with the factors of `solve`.
+
+    Args:
+        band: what `solve` has made of the matrix.
+        step: right-hand side (2 n + 7, LANES), zeros behind the free part.
+    """
+    lo, hi = tables.lo, tables.hi
+    for k in range(2 * lo, 2 * hi):
+        at = COLUMN * k
+        y = load(step, k) * load(band, at)
+        for a in range(1, 8):
+            store(step, k + a, load(step, k + a) - load(band, at + a) * y)
+    _substitute_back(band, step, lo, hi)
+
+
+@njit(**INLINE)
+def _substitute_back(band, step, lo, hi):
+    """The second half of `solve` in the plane."""
     for k in range(2 * hi - 1, 2 * lo - 1, -1):
         x = load(step, k)
         at = COLUMN * k
         for a in range(7, 0, -1):
             x -= load(band, at + a) * load(step, k + a)
         store(step, k, x * load(band, at))
-    return 0.0 - largest(0.0 - lowest)
 
 
 @njit(**INLINE)

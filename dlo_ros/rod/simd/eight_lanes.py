@@ -104,11 +104,15 @@ def _data(context, builder, kind, array):
 
 
 def _row(context, builder, sig, args):
-    """Address of row args[1]."""
+    """Row args[1] as a vector in memory."""
+    return builder.bitcast(_row_start(context, builder, sig, args), WIDE.as_pointer())
+
+
+def _row_start(context, builder, sig, args):
+    """Address of the first number of row args[1]."""
     index = context.cast(builder, args[1], sig.args[1], types.intp)
     first = builder.mul(index, ir.Constant(index.type, LANES))
-    address = builder.gep(_data(context, builder, sig.args[0], args[0]), [first])
-    return builder.bitcast(address, WIDE.as_pointer())
+    return builder.gep(_data(context, builder, sig.args[0], args[0]), [first])
 
 
 @intrinsic
@@ -119,6 +123,12 @@ def address(_, array):
         return _data(context, builder, sig.args[0], args[0])
 
     return ADDRESS(array), generate
+
+
+@intrinsic
+def row_address(_, array, row):
+    """Address of a row of a contiguous array (..., rows, LANES), counted through all its axes."""
+    return ADDRESS(array, row), _row_start
 
 
 @intrinsic

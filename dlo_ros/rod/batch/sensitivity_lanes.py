@@ -1,0 +1,113 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Sensitivity parameters as compiled code of the lanes takes them: eight to a vector register."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from dlo_ros.rod.batch.layout import Layout
+from dlo_ros.rod.batch.simd_kernels import COLUMN, BatchLaw
+from dlo_ros.rod.batch.simd_sensitivity import GRADIENTS, STRAINS, Variations
+from dlo_ros.rod.batch.simd_step import Sets
+from dlo_ros.rod.boundary.conditions import FRAME, Imposed
+from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.packing import varying_of
+from dlo_ros.rod.planar_model import IN_PLANE
+from dlo_ros.rod.sensitivity.sensitivity_state import Rates, SensitivityState
+from dlo_ros.rod.sensitivity_parameters import Compiled
+from dlo_ros.rod.simd.eight_lanes import LANES, rows
+from dlo_ros.rod.state import State
+from dlo_ros.spline import FloatArray
+
+
+def _no_parameters() -> Variations:
+    """The variations of a rod by no parameter."""
+    none, group = np.zeros(0), rows(0, 0)
+    many, table = np.zeros((0, 0, 0, 3)), np.zeros((0, 0))
+    imposed = Imposed(table, many, many, many, np.zeros(0, dtype=np.int64), table, table)
+    rates = Sets(BatchLaw(group, group, group, group), group, group, group, group, group)
+    return Variations(
+        rates, none, group, imposed, none, none, none, many, group, group, group, group,
+        np.zeros((0, 0, 0)), none,
+    )  # fmt: skip
+
+
+NO_PARAMETERS = _no_parameters()
+
+
+class SensitivityLanes:
+    """The derivatives of a planar rod's state by P parameters, in lanes.
+
+    Args:
+        model: the rod.
+        rod: the rod for compiled code, with the variants of its parameters, at least one.
+        layout: of the rod as the only one of its sets.
+    """
+
+    def __init__(self, model: RodModel, rod: Compiled, layout: Layout) -> None:
+        self._rod, self._place = rod, layout.place
+        self.count = len(rod.step)
+        self.groups = -(-self.count // LANES)
+        n, points, d = model.basis.control_points, len(model.rule.weight), len(IN_PLANE)
+        heavier = np.zeros(self.groups * LANES, dtype=np.bool_)
+        for x in (rod.rates.mass, rod.rates.drag):
+            heavier[: self.count] |= x.any(axis=(1, 2))
+        self.variations = Variations(
+            self._rates(rod.rates, model.rule.weight),
+            np.array(heavier.reshape(self.groups, LANES).any(axis=1), dtype=np.float64),
+            rows(self.groups, self._place[-1]), rod.imposed, rod.system.reach, rod.step, rod.moves,
+            np.zeros((self.count, 2, 2, FRAME)), rows(self.groups, d * n),
+            rows(self.groups, d * n + COLUMN - 1), rows(points, GRADIENTS), rows(STRAINS, points),
+            np.zeros((2, n, d)), np.zeros(d * n),
+        )  # fmt: skip
+
+    def _lanes(self, values: FloatArray) -> FloatArray:
+        """Numbers of each parameter (P, ...) as an array (G, rows, LANES)."""
+        flat = np.zeros((self.groups * LANES, values[0].size))
+        flat[: self.count] = values.reshape(flat[: self.count].shape)
+        result = rows(self.groups, flat.shape[1])
+        result[...] = flat.reshape(self.groups, LANES, -1).transpose(0, 2, 1)
+        return result
+
+    def _rates(self, rates: Rates, weight: FloatArray) -> Sets:
+        """Derivatives of the constants that `Layout.sets` has."""
+        s = rates.stiffness
+        return Sets(
+            BatchLaw(
+                self._lanes(weight * s.stretch), self._lanes(s.stretch_rest),
+                self._lanes(weight * s.bend[:, :, 0]), self._lanes(s.bend_rest[:, :, 0]),
+            ),
+            self._lanes(rates.mass), self._lanes(rates.drag), self._lanes(rates.spin),
+            self._lanes(rates.load), self._lanes(rates.relaxation_time),
+        )  # fmt: skip
+
+    def begin(self, state: State) -> None:
+        """Take the derivatives of a state."""
+        v = self._before = self._rod.mark(varying_of(state, flat=True))
+        parts = (v.q, v.velocity, v.acceleration, v.auxiliary, v.stretch, v.stretch_before,
+                 v.other[:, :, 0], v.other_before[:, :, 0])  # fmt: skip
+        flat = np.concatenate([x.reshape(self.count, -1) for x in parts], axis=1)
+        self.variations.changes[:, : flat.shape[1]] = self._lanes(flat)
+        self.variations.frames[...] = v.frames
+        self.variations.increments[...] = 0.0
+
+    def derivatives(self, lanes: FloatArray) -> FloatArray:
+        """Derivatives of shapes (S, P, n, 2), given the lanes (S, G, 2 n, LANES)."""
+        flat = lanes.transpose(0, 1, 3, 2).reshape(len(lanes), self.groups * LANES, -1)
+        return flat[:, : self.count].reshape(len(lanes), self.count, -1, len(IN_PLANE))
+
+    def end(self) -> SensitivityState:
+        """The derivatives of the state at the end, in the plane."""
+        changes = self.variations.changes.transpose(0, 2, 1).reshape(self.groups * LANES, -1)
+        parts = [changes[: self.count, a:b].copy() for a, b in pairwise(self._place)]
+        before, points = self._before, parts[4].shape[1]
+        moving = [x.reshape(before.q.shape) for x in parts[:4]]
+        bend, bend_before = (np.zeros((self.count, points, 3)) for _ in range(2))
+        bend[:, :, 0], bend_before[:, :, 0] = parts[6], parts[7]
+        return before._replace(
+            q=moving[0], velocity=moving[1], acceleration=moving[2], auxiliary=moving[3],
+            frames=self.variations.frames.copy(), stretch=parts[4], stretch_before=parts[5],
+            other=bend, other_before=bend_before,
+        )  # fmt: skip
