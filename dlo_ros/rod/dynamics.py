@@ -68,7 +68,7 @@ def follow(
     """
     true = true_command(model, command)
     flat = in_plane(model, state, true, parameters)
-    if in_lanes(model, boundary) and (flat or not parameters):
+    if in_lanes(model, boundary):
         track = _in_lanes(model, boundary, state, command, stamps, parameters, flat, speeds)
         if track is not None:
             return track
@@ -89,7 +89,7 @@ def _in_lanes(
     sets, lanes = sets_of(model, boundary), None
     if parameters:
         rod = compiled(model, boundary, command, parameters, flat=flat)
-        if rod.kind != LINEAR:
+        if rod.kind != LINEAR or rod.rates.stiffness.bend[:, :, 2].any():
             return None
         lanes = sensitivities_of(model, rod, sets.layout(flat=flat))
         lanes.begin(state)

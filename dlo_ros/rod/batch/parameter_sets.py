@@ -119,7 +119,7 @@ class ParameterSets:
             stamps: [ns], growing, none before the states'.
             flat: whether all sets stay in the plane y = 0, where that is known.
             speeds: whether the velocities at the stamps are wanted.
-            sensitivities: derivatives that the only set, in the plane, carries along.
+            sensitivities: derivatives that the only set carries along.
 
         Raises:
             InputError: the states do not fit the sets.

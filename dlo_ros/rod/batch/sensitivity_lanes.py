@@ -7,14 +7,15 @@ from itertools import pairwise
 
 import numpy as np
 
+from dlo_ros.rod.batch import planar_sensitivity, spatial_sensitivity
 from dlo_ros.rod.batch.layout import Layout
 from dlo_ros.rod.batch.simd_kernels import COLUMN, BatchLaw
-from dlo_ros.rod.batch.simd_sensitivity import GRADIENTS, STRAINS, Variations
+from dlo_ros.rod.batch.simd_sensitivity import Variations
 from dlo_ros.rod.batch.simd_step import Sets
 from dlo_ros.rod.boundary.conditions import FRAME, Imposed
+from dlo_ros.rod.elements.rod_tables import Reference
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import varying_of
-from dlo_ros.rod.planar_model import IN_PLANE
 from dlo_ros.rod.sensitivity.sensitivity_state import Rates, SensitivityState
 from dlo_ros.rod.sensitivity_parameters import Compiled
 from dlo_ros.rod.simd.eight_lanes import LANES, rows
@@ -30,7 +31,7 @@ def _no_parameters() -> Variations:
     rates = Sets(BatchLaw(group, group, group, group), group, group, group, group, group)
     return Variations(
         rates, none, group, imposed, none, none, none, many, group, group, group, group,
-        np.zeros((0, 0, 0)), none,
+        group, group, np.zeros((0, 0, 0)), none, none,
     )  # fmt: skip
 
 
@@ -38,7 +39,7 @@ NO_PARAMETERS = _no_parameters()
 
 
 class SensitivityLanes:
-    """The derivatives of a planar rod's state by P parameters, in lanes.
+    """The derivatives of a rod's state by P parameters, in lanes.
 
     Args:
         model: the rod.
@@ -47,20 +48,24 @@ class SensitivityLanes:
     """
 
     def __init__(self, model: RodModel, rod: Compiled, layout: Layout) -> None:
-        self._rod, self._place = rod, layout.place
+        self._rod, self._place, self._flat = rod, layout.place, layout.flat
         self.count = len(rod.step)
         self.groups = -(-self.count // LANES)
-        n, points, d = model.basis.control_points, len(model.rule.weight), len(IN_PLANE)
+        n, points, d = model.basis.control_points, len(model.rule.weight), layout.dof
         heavier = np.zeros(self.groups * LANES, dtype=np.bool_)
-        for x in (rod.rates.mass, rod.rates.drag):
+        for x in (rod.rates.mass, rod.rates.drag, rod.rates.spin):
             heavier[: self.count] |= x.any(axis=(1, 2))
+        kernels = planar_sensitivity if self._flat else spatial_sensitivity
         self.variations = Variations(
             self._rates(rod.rates, model.rule.weight),
             np.array(heavier.reshape(self.groups, LANES).any(axis=1), dtype=np.float64),
             rows(self.groups, self._place[-1]), rod.imposed, rod.system.reach, rod.step, rod.moves,
             np.zeros((self.count, 2, 2, FRAME)), rows(self.groups, d * n),
-            rows(self.groups, d * n + COLUMN - 1), rows(points, GRADIENTS), rows(STRAINS, points),
-            np.zeros((2, n, d)), np.zeros(d * n),
+            rows(self.groups, d * n + (COLUMN - 1 if self._flat else 0)),
+            rows(self.groups, 0 if self._flat else 2 * points), rows(1, kernels.GRADIENTS * points),
+            rows(1, 4 * points if self._flat else 8 * points),
+            rows(1, 0 if self._flat else 10 * points), np.zeros((2, n, d)), np.zeros(2),
+            np.zeros(d * n),
         )  # fmt: skip
 
     def _lanes(self, values: FloatArray) -> FloatArray:
@@ -74,10 +79,14 @@ class SensitivityLanes:
     def _rates(self, rates: Rates, weight: FloatArray) -> Sets:
         """Derivatives of the constants that `Layout.sets` has."""
         s = rates.stiffness
+        bend, rest = s.bend[:, :, :1], s.bend_rest[:, :, :1]
+        if not self._flat:
+            bend = np.concatenate([s.bend[:, :, :2], s.twist[:, :, None]], axis=2)
+            rest = np.concatenate([s.bend_rest, s.twist_rest[:, :, None]], axis=2)
         return Sets(
             BatchLaw(
                 self._lanes(weight * s.stretch), self._lanes(s.stretch_rest),
-                self._lanes(weight * s.bend[:, :, 0]), self._lanes(s.bend_rest[:, :, 0]),
+                self._lanes(weight[:, None] * bend), self._lanes(rest),
             ),
             self._lanes(rates.mass), self._lanes(rates.drag), self._lanes(rates.spin),
             self._lanes(rates.load), self._lanes(rates.relaxation_time),
@@ -85,29 +94,37 @@ class SensitivityLanes:
 
     def begin(self, state: State) -> None:
         """Take the derivatives of a state."""
-        v = self._before = self._rod.mark(varying_of(state, flat=True))
-        parts = (v.q, v.velocity, v.acceleration, v.auxiliary, v.stretch, v.stretch_before,
-                 v.other[:, :, 0], v.other_before[:, :, 0])  # fmt: skip
+        v = self._before = self._rod.mark(varying_of(state, flat=self._flat))
+        bends = 1 if self._flat else 3
+        parts = [v.q, v.velocity, v.acceleration, v.auxiliary, v.stretch, v.stretch_before,
+                 v.other[:, :, :bends], v.other_before[:, :, :bends]]  # fmt: skip
+        parts += [] if self._flat else v.reference
         flat = np.concatenate([x.reshape(self.count, -1) for x in parts], axis=1)
         self.variations.changes[:, : flat.shape[1]] = self._lanes(flat)
         self.variations.frames[...] = v.frames
         self.variations.increments[...] = 0.0
 
     def derivatives(self, lanes: FloatArray) -> FloatArray:
-        """Derivatives of shapes (S, P, n, 2), given the lanes (S, G, 2 n, LANES)."""
+        """Derivatives of shapes (S, P, n, d), given the lanes (S, G, d n, LANES)."""
         flat = lanes.transpose(0, 1, 3, 2).reshape(len(lanes), self.groups * LANES, -1)
-        return flat[:, : self.count].reshape(len(lanes), self.count, -1, len(IN_PLANE))
+        return flat[:, : self.count].reshape(len(lanes), *self._before.q.shape)
 
     def end(self) -> SensitivityState:
-        """The derivatives of the state at the end, in the plane."""
+        """The derivatives of the state at the end, those of the shape (P, n, d)."""
         changes = self.variations.changes.transpose(0, 2, 1).reshape(self.groups * LANES, -1)
         parts = [changes[: self.count, a:b].copy() for a, b in pairwise(self._place)]
-        before, points = self._before, parts[4].shape[1]
-        moving = [x.reshape(before.q.shape) for x in parts[:4]]
-        bend, bend_before = (np.zeros((self.count, points, 3)) for _ in range(2))
-        bend[:, :, 0], bend_before[:, :, 0] = parts[6], parts[7]
-        return before._replace(
-            q=moving[0], velocity=moving[1], acceleration=moving[2], auxiliary=moving[3],
-            frames=self.variations.frames.copy(), stretch=parts[4], stretch_before=parts[5],
-            other=bend, other_before=bend_before,
+        v = self._before
+        q, velocity, acceleration, auxiliary = (x.reshape(v.q.shape) for x in parts[:4])
+        other, before = np.zeros(v.other.shape), np.zeros(v.other.shape)
+        bends = 1 if self._flat else 3
+        for out, part in zip((other, before), parts[6:8], strict=True):
+            out[:, :, :bends] = part.reshape(*out.shape[:2], bends)
+        reference = v.reference
+        if not self._flat:
+            shaped = zip(parts[8:12], reference, strict=True)
+            reference = Reference._make(x.reshape(like.shape) for x, like in shaped)
+        return v._replace(
+            q=q, velocity=velocity, acceleration=acceleration, auxiliary=auxiliary,
+            reference=reference, frames=self.variations.frames.copy(), stretch=parts[4],
+            stretch_before=parts[5], other=other, other_before=before,
         )  # fmt: skip

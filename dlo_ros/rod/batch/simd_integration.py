@@ -48,12 +48,12 @@ def march(sets, tables, imposed, frames, motion, place, room, clock, reach, limi
         stops: times [s] from the command's start, growing, (S,).
         tolerance: error that one step may add [m], in the mean over the rod.
         newton: convergence of Newton's method [m].
-        variations: parameters of the only set, in the plane, whose sensitivities are carried along;
-            those of no parameter else.
+        variations: parameters of the only set whose sensitivities are carried along; those of no
+            parameter else.
         shapes: output, (C, S, d n, LANES).
         speeds: output, velocities, likewise; (C, 0, d n, LANES) where they are not wanted.
         twists: output, twist strain [rad/m], (C, S, nb, LANES); nothing in the plane.
-        derivatives: output, (S, G, 2 n, LANES).
+        derivatives: output, (S, G, d n, LANES).
         status: output, how each group ended and its steps, rejected ones included, (C, 2).
     """
     common = Tables(
@@ -140,7 +140,7 @@ def _march_group(sets, tables, imposed, frames, motion, room, target, clock, rea
             store(twists[k], e, load(motion.bend, 3 * e + 2))
         for g in range(groups):
             change = state_at(variations.changes, g, place)
-            for i in range(2 * tables.n):
+            for i in range(tables.dof * tables.n):
                 store(derivatives[k, g], i, load(change.q, i))
     return DONE, steps
 

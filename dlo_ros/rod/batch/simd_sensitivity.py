@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Sensitivities of one planar rod's steps for eight parameters at once; see `propagation`.
+"""Sensitivities of one rod's steps for eight parameters at once; see `propagation`.
 
 All lanes of the rod itself hold the same numbers, those of its derivatives one parameter each. The
 tangent matrix of a converged step is assembled and factorised once for all groups of LANES
@@ -14,26 +14,16 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch.simd_kernels import (
-    COLUMN,
-    BatchLaw,
-    Frame,
-    Scratch,
-    Tables,
-    assemble,
-    slopes,
-    span_stretch,
-)  # fmt: skip
+from dlo_ros.rod.batch import planar_sensitivity, spatial_kernels, spatial_sensitivity
+from dlo_ros.rod.batch.simd_kernels import BatchLaw, Frame, Scratch, Tables, assemble
 from dlo_ros.rod.batch.simd_solver import solve, solve_again
 from dlo_ros.rod.batch.simd_step import BatchState, Sets
 from dlo_ros.rod.boundary.conditions import Imposed, impose
-from dlo_ros.rod.elements.strains import MIDDLE
 from dlo_ros.rod.simd.eight_lanes import (
     LANES,
     address,
     entry,
     load,
-    root,
     row_address,
     spread,
     store,
@@ -42,9 +32,6 @@ from dlo_ros.rod.simd.vector_algebra import INLINE
 from dlo_ros.rod.solve.equation_system import variant
 from dlo_ros.rod.solve.generalised_alpha import ALPHA_F, ALPHA_M, BETA, GAMMA, weights
 from dlo_ros.spline import FloatArray
-
-GRADIENTS = 6  # rows of a point: derivatives of stretch by p, of curvature by p and s
-STRAINS = 4  # rows of a point: stretch and curvature beyond those at rest, then their rates
 
 
 class Variations(NamedTuple):
@@ -62,21 +49,49 @@ class Variations(NamedTuple):
     step: FloatArray  # (P,) half the distance of a parameter's two variants
     moves: FloatArray  # (P,) not 0 where the parameter changes what is imposed
     frames: FloatArray  # (P, 2, 2, FRAME) frames of the ends, above and below
-    increments: FloatArray  # (G, 2 n, LANES) derivatives of what is imposed
-    right: FloatArray  # (G, 2 n + 7, LANES) right-hand sides and solutions
-    gradients: FloatArray  # (nb, GRADIENTS, LANES)
-    strains: FloatArray  # (STRAINS, nb, LANES)
-    target: FloatArray  # (2, n, 2) where the held control points must be, above and below
-    free: FloatArray  # (2 n,) zeros: nothing is held
+    increments: FloatArray  # (G, d n, LANES) derivatives of what is imposed
+    right: FloatArray  # (G, d n, LANES) right-hand sides and solutions; in the plane 7 more zeros
+    turn: FloatArray  # (G, 2 nb, LANES) see `spatial_sensitivity.turn_frame`; none in the plane
+    gradients: FloatArray  # (1, rows, LANES) of the strains, see `strain_gradients`
+    strains: FloatArray  # (1, rows, LANES) of stretch, of bending and twist: beyond those at rest;
+    # then their rates
+    frame: FloatArray  # (1, 10 nb, LANES) reference frame before the step; none in the plane
+    target: FloatArray  # (2, n, d) where the held control points must be, above and below
+    theta: FloatArray  # (2,) twist angles of the ends before the step [rad]
+    free: FloatArray  # (d n,) zeros: nothing is held
 
 
 @linked()
 def remember(tables, motion, variations):
-    """Keep the strains one step ago, before `simd_step.accept` forgets them."""
+    """Keep what `simd_step.accept` forgets: the strains one step ago, frame and twist angles."""
     points, out = 3 * tables.spans, address(variations.strains)
     for e in range(points):
         store(out, e, load(motion.stretch_before, e))
+    if tables.dof != 4:
+        for e in range(points):
+            store(out, points + e, load(motion.bend_before, e))
+        return
+    for e in range(3 * points):
         store(out, points + e, load(motion.bend_before, e))
+    frame = _frame_before(tables, variations)
+    for e in range(3 * points):
+        store(frame.tangent, e, load(motion.frame.tangent, e))
+        store(frame.rate, e, load(motion.frame.rate, e))
+        store(frame.director, e, load(motion.frame.director, e))
+    for e in range(points):
+        store(frame.twist, e, load(motion.frame.twist, e))
+    variations.theta[0] = entry(motion.q, 3 * LANES)
+    variations.theta[1] = entry(motion.q, (4 * tables.n - 1) * LANES)
+
+
+@njit(from_python=False)
+def _frame_before(tables, variations):
+    """Reference frame before the step, as addresses."""
+    rows, points = variations.frame, 3 * tables.spans
+    return Frame(
+        row_address(rows, 0), row_address(rows, 3 * points), row_address(rows, 6 * points),
+        row_address(rows, 9 * points),
+    )  # fmt: skip
 
 
 @linked()
@@ -92,22 +107,26 @@ def last_corner(imposed):
 @linked()
 def impose_variants(tables, variations, time):
     """Write the derivatives of what is imposed at a time to `Variations.increments`."""
-    v, theta, pins = variations, np.zeros(2), np.zeros((0, 3))
+    v, dof, theta, pins = variations, tables.dof, np.zeros(2), np.zeros((0, 3))
     for a in range(v.moves.size):
         if v.moves[a] == 0.0:
             continue
+        g, lane = a // LANES, a % LANES
         for side in range(2):
-            k = 1 + 2 * a + side
+            k, d = 1 + 2 * a + side, v.step[a] if side == 0 else -v.step[a]
+            if dof == 4:
+                theta[0] = v.theta[0] + d * v.changes[g, 3, lane]
+                theta[1] = v.theta[1] + d * v.changes[g, 4 * tables.n - 1, lane]
             impose(
                 variant(v.imposed, k), time, theta, v.reach[k], v.frames[a, side], v.target[side],
                 pins,
             )  # fmt: skip
         share = 0.5 / v.step[a]
         for i in range(tables.n):
-            for c in range(2):
-                if entry(tables.fixed, 2 * i + c) != 0.0:
+            for c in range(dof):
+                if entry(tables.fixed, dof * i + c) != 0.0:
                     change = share * (v.target[0, i, c] - v.target[1, i, c])
-                    v.increments[a // LANES, 2 * i + c, a % LANES] = change
+                    v.increments[g, dof * i + c, lane] = change
 
 
 @linked()
@@ -122,41 +141,71 @@ def propagate(sets, tables, motion, room, h, rate_weights, place, variations):
         place: rows of `Variations.changes`.
         variations: derivatives before; become those after.
     """
-    v, scratch, size = variations, room.scratch, 2 * tables.n
+    v, scratch, law, dof = variations, room.scratch, room.law, tables.dof
     whole = Tables(
-        tables.n, tables.dof, tables.spans, 0, tables.n, address(v.free), tables.linear,
+        tables.n, dof, tables.spans, 0, tables.n, address(v.free), tables.linear,
         tables.twist_linear, tables.b, tables.b1, tables.b2, tables.products,
     )  # fmt: skip
-    assemble(motion.q, whole, room.law, scratch, room.matrix, motion.tension, True)
-    gradients, strains = address(v.gradients), address(v.strains)
-    _strain_gradients(motion.q, tables, gradients)
+    gradients, strains, frame = address(v.gradients), address(v.strains), _frame_before(tables, v)
+    if dof == 4:
+        spatial_kernels.assemble(
+            motion.q, whole, frame, law, scratch, room.matrix, motion.tension, True
+        )
+        spatial_sensitivity.strain_gradients(motion.q, tables, frame, motion.bend, gradients)
+    else:
+        assemble(motion.q, whole, law, scratch, room.matrix, motion.tension, True)
+        planar_sensitivity.strain_gradients(motion.q, tables, gradients)
     _beyond_rest(sets, tables, motion, rate_weights, strains)
-    groups, behind = v.heavier.size, size + COLUMN - 1
+    groups, size, band = v.heavier.size, dof * tables.n, scratch.band
     for g in range(groups):
         rates, change = sets_at(v.rates, g), state_at(v.changes, g, place)
-        right, increments = row_address(v.right, g * behind), row_address(v.increments, g * size)
-        for i in range(behind):
-            store(right, i, load(rates.load, i) if i < size else spread(0.0))
-        _subtract_stresses(sets, tables, rates, change, rate_weights, gradients, strains, right)
+        right, increments, turn = _group(v.right, g), _group(v.increments, g), _group(v.turn, g)
+        for i in range(size):
+            store(right, i, load(rates.load, i))
+        if dof == 4:
+            spatial_sensitivity.subtract_stresses(
+                sets, tables, rates, change, rate_weights, law, motion.bend, frame, gradients,
+                strains, scratch.point, turn, right,
+            )  # fmt: skip
+        else:
+            planar_sensitivity.subtract_stresses(
+                sets, tables, rates, change, rate_weights, gradients, strains, right
+            )
         _add_inertia(sets, tables, change, h, right)
         if v.heavier[g] != 0.0:
             _subtract_own_inertia(tables, rates, motion, right)
-        _subtract_imposed(tables, scratch.band, increments, right)
-    _uncouple(tables, scratch.band)
+        if dof == 4:
+            spatial_sensitivity.subtract_imposed(tables, band, increments, right)
+        else:
+            planar_sensitivity.subtract_imposed(tables, band, increments, right)
+        for i in range(size):
+            if entry(tables.fixed, i) != 0.0:
+                store(right, i, spread(0.0))
+    if dof == 4:
+        spatial_kernels.hold(tables, band)
+    else:
+        planar_sensitivity.uncouple(tables, band)
     for g in range(groups):
-        right, increments = row_address(v.right, g * behind), row_address(v.increments, g * size)
+        right, increments, turn = _group(v.right, g), _group(v.increments, g), _group(v.turn, g)
         if g == 0:
             solve(
-                Scratch(scratch.gradient, right, scratch.band, scratch.point, scratch.line,
+                Scratch(scratch.gradient, right, band, scratch.point, scratch.line,
                         scratch.tangent),
                 tables,
             )  # fmt: skip
         else:
-            solve_again(scratch.band, right, tables)
+            solve_again(band, right, tables)
         for i in range(size):
             if entry(tables.fixed, i) != 0.0:
                 store(right, i, load(increments, i))
-        _move_on(tables, state_at(v.changes, g, place), gradients, h, right)
+        change = state_at(v.changes, g, place)
+        _move_on(tables, change, h, right)
+        if dof == 4:
+            spatial_sensitivity.vary_strains(
+                tables, motion.frame, motion.bend, gradients, turn, change, right
+            )
+        else:
+            planar_sensitivity.vary_strains(tables, gradients, change, right)
 
 
 @njit(from_python=False)
@@ -193,67 +242,25 @@ def _group(rows, c):
 
 
 @linked()
-def _strain_gradients(q, tables, out):
-    """Write the derivatives of the strains at every point, see `GRADIENTS`."""
-    for e in range(3 * tables.spans):
-        px, pz, sx, sz = slopes(q, tables, e)
-        r2 = 1.0 / (px * px + pz * pz)
-        r = root(r2)
-        g = r2 * r
-        f, at = 3.0 * (pz * sx - px * sz) * g * r2, GRADIENTS * e
-        store(out, at, px * r)
-        store(out, at + 1, pz * r)
-        store(out, at + 2, -(sz * g) - f * px)
-        store(out, at + 3, sx * g - f * pz)
-        store(out, at + 4, pz * g)
-        store(out, at + 5, -(px * g))
-
-
-@linked()
 def _beyond_rest(sets, tables, motion, rate_weights, out):
-    """Write strains and rates, see `STRAINS`; `remember` has written the strains two steps ago."""
-    points, t_r, law = 3 * tables.spans, load(sets.relaxation_time, 0), sets.law
-    c0, c1, c2 = rate_weights
-    for e in range(points):
-        now, k = load(motion.stretch, e), e
-        rate = c0 * now + c1 * load(motion.stretch_before, e) + c2 * load(out, k)
-        store(out, k, now - load(law.stretch_rest, e) + t_r * rate)
-        store(out, 2 * points + k, rate)
-        now, k = load(motion.bend, e), points + e
-        rate = c0 * now + c1 * load(motion.bend_before, e) + c2 * load(out, k)
-        store(out, k, now - load(law.bend_rest, e) + t_r * rate)
-        store(out, 2 * points + k, rate)
+    """Write strains and rates, see `Variations.strains`; those two steps ago are there already."""
+    points, law = 3 * tables.spans, sets.law
+    bends = points * (3 if tables.dof == 4 else 1)
+    _beyond(points, motion.stretch, motion.stretch_before, law.stretch_rest,
+            sets.relaxation_time, rate_weights, out, 0, points + bends)  # fmt: skip
+    _beyond(bends, motion.bend, motion.bend_before, law.bend_rest,
+            sets.relaxation_time, rate_weights, out, points, points + bends)  # fmt: skip
 
 
 @linked()
-def _subtract_stresses(sets, tables, rates, change, rate_weights, gradients, strains, right):
-    """Subtract the forces of the stresses' derivatives, the shape held, from `right`."""
-    points, law, more = 3 * tables.spans, sets.law, rates.law
-    t_r, slower = load(sets.relaxation_time, 0), load(rates.relaxation_time, 0)
-    past, faster = t_r * rate_weights[1], t_r * rate_weights[2]
-    for e in range(points):
-        span = e // 3
-        bent = load(more.bend, e) * load(strains, points + e) + load(law.bend, e) * (
-            slower * load(strains, 3 * points + e) + past * load(change.bend, e)
-            + faster * load(change.bend_before, e) - load(more.bend_rest, e)
-        )  # fmt: skip
-        at = GRADIENTS * e
-        px, pz = bent * load(gradients, at + 2), bent * load(gradients, at + 3)
-        sx, sz = bent * load(gradients, at + 4), bent * load(gradients, at + 5)
-        linear = entry(tables.linear, span) > 0.0
-        if linear or e % 3 == 1:
-            pull = load(more.stretch, e) * load(strains, e) + load(law.stretch, e) * (
-                slower * load(strains, 2 * points + e) + past * load(change.stretch, e)
-                + faster * load(change.stretch_before, e) - load(more.stretch_rest, e)
-            )  # fmt: skip
-            if not linear:
-                pull *= 1.0 / MIDDLE
-            px += pull * load(gradients, at)
-            pz += pull * load(gradients, at + 1)
-        for i in range(4):
-            u, v, k = entry(tables.b1, 4 * e + i), entry(tables.b2, 4 * e + i), 2 * (span + i)
-            store(right, k, load(right, k) - u * px - v * sx)
-            store(right, k + 1, load(right, k + 1) - u * pz - v * sz)
+def _beyond(count, now, before, rest, relaxation, rate_weights, out, first, rates):
+    """Write a number of strains beyond those at rest, with damping, and their rates behind them."""
+    t_r, (c0, c1, c2) = load(relaxation, 0), rate_weights
+    for e in range(count):
+        x, k = load(now, e), first + e
+        rate = c0 * x + c1 * load(before, e) + c2 * load(out, k)
+        store(out, k, x - load(rest, e) + t_r * rate)
+        store(out, rates + k, rate)
 
 
 @njit(**INLINE)
@@ -271,57 +278,41 @@ def _extrapolated(change, h, k):
 @linked()
 def _add_inertia(sets, tables, change, h, right):
     """Add inertia and drag that the derivatives before the step cause to the right-hand side."""
-    n, (c_mass, c_drag) = tables.n, weights(h)
+    n, dof, (c_mass, c_drag) = tables.n, tables.dof, weights(h)
     for j in range(n):
-        for c in range(2):
-            q_star, v_star, lag = _extrapolated(change, h, 2 * j + c)
+        for c in range(dof):
+            q_star, v_star, lag = _extrapolated(change, h, dof * j + c)
             past, passing = c_mass * q_star + lag, c_drag * q_star - v_star
-            for i in range(max(0, j - 3), min(n, j + 4)):
-                at, k = (4 * i + 3 - i + j if j <= i else 4 * j + 3 - j + i), 2 * i + c
-                x = load(right, k) + load(sets.mass, at) * past
-                store(right, k, x + load(sets.drag, at) * passing)
+            _add_products(sets, n, dof, j, c, past, passing, right)
 
 
 @linked()
 def _subtract_own_inertia(tables, rates, motion, right):
     """Subtract what parameters add to the rod's own inertia and drag from the right-hand side."""
-    n = tables.n
+    n, dof = tables.n, tables.dof
     for j in range(n):
-        for c in range(2):
-            a, v = load(motion.acceleration, 2 * j + c), load(motion.velocity, 2 * j + c)
-            for i in range(max(0, j - 3), min(n, j + 4)):
-                at, k = (4 * i + 3 - i + j if j <= i else 4 * j + 3 - j + i), 2 * i + c
-                x = load(right, k) - load(rates.mass, at) * a
-                store(right, k, x - load(rates.drag, at) * v)
+        for c in range(dof):
+            a, v = load(motion.acceleration, dof * j + c), load(motion.velocity, dof * j + c)
+            _add_products(rates, n, dof, j, c, -a, -v, right)
+
+
+@njit(from_python=False)
+def _add_products(sets, n, dof, j, c, acceleration, velocity, right):
+    """Add inertia and drag by coordinate c of control point j to all that they act on."""
+    for i in range(max(0, j - 3), min(n, j + 4)):
+        at, k = (4 * i + 3 - i + j if j <= i else 4 * j + 3 - j + i), dof * i + c
+        if c == 3:
+            store(right, k, load(right, k) + load(sets.spin, at) * acceleration)
+        else:
+            x = load(right, k) + load(sets.mass, at) * acceleration
+            store(right, k, x + load(sets.drag, at) * velocity)
 
 
 @linked()
-def _subtract_imposed(tables, band, increments, right):
-    """Subtract the forces of what is imposed from the right-hand side."""
-    size = 2 * tables.n
-    for j in range(size):
-        if entry(tables.fixed, j) == 0.0:
-            continue
-        x = load(increments, j)
-        for i in range(max(0, j - COLUMN + 1), min(size, j + COLUMN)):
-            at = COLUMN * j + i - j if i >= j else COLUMN * i + j - i
-            store(right, i, load(right, i) - load(band, at) * x)
-
-
-@linked()
-def _uncouple(tables, band):
-    """Take the coupling of what is free to what is held behind it out of the matrix."""
-    last = 2 * tables.hi
-    for k in range(max(2 * tables.lo, last - COLUMN + 1), last):
-        for i in range(last, k + COLUMN):
-            store(band, COLUMN * k + i - k, spread(0.0))
-
-
-@linked()
-def _move_on(tables, change, gradients, h, d_q):
-    """Let the derivatives become those after a step, of which those of the shape are d_q."""
+def _move_on(tables, change, h, d_q):
+    """Let the derivatives of the motion become those after a step, given those of the shape."""
     c_mass, c_drag = weights(h)
-    for k in range(2 * tables.n):
+    for k in range(tables.dof * tables.n):
         q_star, v_star, lag = _extrapolated(change, h, k)
         x = load(d_q, k)
         moved = x - q_star
@@ -329,14 +320,3 @@ def _move_on(tables, change, gradients, h, d_q):
         store(change.velocity, k, v_star + c_drag * moved)
         store(change.acceleration, k, c_mass * moved - lag)
         store(change.auxiliary, k, (1.0 / (BETA * h * h)) * moved)
-    for e in range(3 * tables.spans):
-        store(change.stretch_before, e, load(change.stretch, e))
-        store(change.bend_before, e, load(change.bend, e))
-        px, pz, sx, sz = slopes(d_q, tables, e)
-        at = GRADIENTS * e
-        store(change.stretch, e, load(gradients, at) * px + load(gradients, at + 1) * pz)
-        bent = load(gradients, at + 2) * px + load(gradients, at + 3) * pz
-        bent += load(gradients, at + 4) * sx + load(gradients, at + 5) * sz
-        store(change.bend, e, bent)
-        if e % 3 == 2:
-            span_stretch(change.stretch, e - 2, entry(tables.linear, e // 3) > 0.0)

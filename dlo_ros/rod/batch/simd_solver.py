@@ -99,9 +99,12 @@ def solve_again(band, step, tables):
 
     Args:
         band: what `solve` has made of the matrix.
-        step: right-hand side (2 n + 7, LANES), zeros behind the free part.
+        step: right-hand side, in the plane with zeros behind the free part.
     """
     lo, hi = tables.lo, tables.hi
+    if tables.dof == 4:
+        _solve_blocks_again(band, step, lo, hi)
+        return
     for k in range(2 * lo, 2 * hi):
         at = COLUMN * k
         y = load(step, k) * load(band, at)
@@ -161,6 +164,37 @@ def _solve_blocks(band, step, lo, hi):
                 x -= f1 * load(band, row) + f2 * load(band, row + 1)
                 x -= f3 * load(band, row + 2) + f4 * load(band, row + 3)
                 store(band, to + 4 * r, x)
+    _substitute_back_blocks(band, step, lo, hi)
+    return 0.0 - largest(0.0 - lowest)
+
+
+@njit(**INLINE)
+def _solve_blocks_again(band, step, lo, hi):
+    """`solve_again` in space."""
+    for k in range(lo, hi):
+        last, at = min(3, hi - 1 - k), BLOCKS * k
+        y1 = load(step, 4 * k)
+        f1 = y1 * load(band, at)
+        y2 = load(step, 4 * k + 1) - load(band, at + 4) * f1
+        f2 = y2 * load(band, at + 5)
+        y3 = load(step, 4 * k + 2) - load(band, at + 8) * f1 - load(band, at + 9) * f2
+        f3 = y3 * load(band, at + 10)
+        y4 = load(step, 4 * k + 3) - load(band, at + 12) * f1 - load(band, at + 13) * f2
+        y4 -= load(band, at + 14) * f3
+        f4 = y4 * load(band, at + 15)
+        store(step, 4 * k + 1, y2)
+        store(step, 4 * k + 2, y3)
+        store(step, 4 * k + 3, y4)
+        for r in range(4, 4 * (last + 1)):
+            row = at + 4 * r
+            y = load(step, 4 * k + r) - load(band, row) * f1 - load(band, row + 1) * f2
+            store(step, 4 * k + r, y - load(band, row + 2) * f3 - load(band, row + 3) * f4)
+    _substitute_back_blocks(band, step, lo, hi)
+
+
+@njit(**INLINE)
+def _substitute_back_blocks(band, step, lo, hi):
+    """The second half of `solve` in space."""
     for k in range(hi - 1, lo - 1, -1):
         last, at = min(3, hi - 1 - k), BLOCKS * k
         x1, x2, x3, x4 = (load(step, 4 * k), load(step, 4 * k + 1), load(step, 4 * k + 2),
@@ -185,4 +219,3 @@ def _solve_blocks(band, step, lo, hi):
         store(step, 4 * k + 1, x2)
         store(step, 4 * k + 2, x3)
         store(step, 4 * k + 3, x4)
-    return 0.0 - largest(0.0 - lowest)

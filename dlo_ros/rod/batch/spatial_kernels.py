@@ -35,13 +35,13 @@ SLOPES, TURN, TURN_TILT, LINE, LINE_TILT, SPAN = 0, 21, 37, 53, 69, 85
 
 
 @njit(**INLINE)
-def _get(array, at):
+def get(array, at):
     """Three rows as a vector."""
     return load(array, at), load(array, at + 1), load(array, at + 2)
 
 
 @njit(**INLINE)
-def _put(array, at, vector):
+def put(array, at, vector):
     """Write three rows."""
     store(array, at, vector[0])
     store(array, at + 1, vector[1])
@@ -49,16 +49,16 @@ def _put(array, at, vector):
 
 
 @njit(**INLINE)
-def _slopes(q, tables, e):
+def slopes(q, tables, e):
     """First and second derivative along u, theta and its derivative at point e."""
     at = 4 * (e // 3)
     w, u, v = entry(tables.b, 4 * e), entry(tables.b1, 4 * e), entry(tables.b2, 4 * e)
-    x, angle = _get(q, at), load(q, at + 3)
+    x, angle = get(q, at), load(q, at + 3)
     p, s, theta, rate = times(u, x), times(v, x), w * angle, u * angle
     for i in range(1, 4):
         k = 4 * e + i
         w, u, v = entry(tables.b, k), entry(tables.b1, k), entry(tables.b2, k)
-        x, angle = _get(q, at + 4 * i), load(q, at + 4 * i + 3)
+        x, angle = get(q, at + 4 * i), load(q, at + 4 * i + 3)
         p, s = mix(1.0, p, u, x), mix(1.0, s, v, x)
         theta += w * angle
         rate += u * angle
@@ -74,37 +74,37 @@ def advance_frame(q, tables, frame, stretch, other):
             twist of whole spans, (3 nb, LANES).
     """
     for e in range(3 * tables.spans):
-        p, s, theta, rate = _slopes(q, tables, e)
+        p, s, theta, rate = slopes(q, tables, e)
         n = np.sqrt(dot(p, p))
-        t0, turning, director = (_get(frame.tangent, 3 * e), _get(frame.rate, 3 * e),
-                                 _get(frame.director, 3 * e))  # fmt: skip
+        t0, turning, director = (get(frame.tangent, 3 * e), get(frame.rate, 3 * e),
+                                 get(frame.director, 3 * e))  # fmt: skip
         r = 1.0 / n
         t = times(r, p)
         kappa1, kappa2 = curvatures(s, r, t, turned(director, theta, t0, t))
         twist = load(frame.twist, e) + carried_twist(p, s, r, t0, turning)
         store(stretch, e, n - 1.0)
-        _put(other, 3 * e, (kappa1, kappa2, twist + rate))
+        put(other, 3 * e, (kappa1, kappa2, twist + rate))
         store(frame.twist, e, twist)
-        _put(frame.tangent, 3 * e, t)
-        _put(frame.rate, 3 * e, mix(r, s, -r * dot(t, s), t))
-        _put(frame.director, 3 * e, carry(director, t0, t))
+        put(frame.tangent, 3 * e, t)
+        put(frame.rate, 3 * e, mix(r, s, -r * dot(t, s), t))
+        put(frame.director, 3 * e, carry(director, t0, t))
         if e % 3 == 2:
             span = e // 3
             a, b, c = load(stretch, e - 2), load(stretch, e - 1), load(stretch, e)
-            mean, tilt = _line(a, b, c, entry(tables.linear, span) > 0.0)
+            mean, tilt = line(a, b, c, entry(tables.linear, span) > 0.0)
             if not entry(tables.linear, span) > 0.0:
                 mean = b
-            _put(stretch, e - 2, (mean - tilt, mean, mean + tilt))
+            put(stretch, e - 2, (mean - tilt, mean, mean + tilt))
             at = 3 * e - 4  # twist of the span's first point
             a, b, c = load(other, at), load(other, at + 3), load(other, at + 6)
-            mean, tilt = _line(a, b, c, entry(tables.twist_linear, span) > 0.0)
+            mean, tilt = line(a, b, c, entry(tables.twist_linear, span) > 0.0)
             store(other, at, mean - tilt)
             store(other, at + 3, mean)
             store(other, at + 6, mean + tilt)
 
 
 @njit(**INLINE)
-def _line(a, b, c, tilted):
+def line(a, b, c, tilted):
     """Mean of a span's three values, and the rise of their straight line where it is tilted."""
     mean, tilt = OUTER * (a + c) + MIDDLE * b, 0.5 * (c - a)
     return mean, (tilt if tilted else 0.0 * tilt)
@@ -144,7 +144,13 @@ def assemble(q, tables, frame, law, scratch, matrix, tension, first):
                     at = BLOCKS * (span + j) + 16 * (i - j)
                     _add_block(tables, scratch, law, span, PAIRS * span + pair, i, j, at)
                 pair += 1
-    one = spread(1.0)
+    hold(tables, band)
+
+
+@linked()
+def hold(tables, band):
+    """Make rows and columns of what is imposed those of the unit matrix."""
+    lo, hi, zero, one = tables.lo, tables.hi, spread(0.0), spread(1.0)
     for k in range(4 * lo, 4 * hi):
         if entry(tables.fixed, k) == 0.0:
             continue
@@ -167,33 +173,33 @@ def _points(q, tables, frame, law, scratch, span, tension, first):
     y1, y2, y3 = zero, zero, zero  # |p| that was promised
     for g in range(3):
         e = 3 * span + g
-        p, s, theta, rate = _slopes(q, tables, e)
-        _put(work, SLOPES + 7 * g, p)
-        _put(work, SLOPES + 7 * g + 3, s)
+        p, s, theta, rate = slopes(q, tables, e)
+        put(work, SLOPES + 7 * g, p)
+        put(work, SLOPES + 7 * g + 3, s)
         store(work, SLOPES + 7 * g + 6, theta)
         size = np.sqrt(dot(p, p))
-        added = carried_twist(p, s, 1.0 / size, _get(frame.tangent, 3 * e), _get(frame.rate, 3 * e))
+        added = carried_twist(p, s, 1.0 / size, get(frame.tangent, 3 * e), get(frame.rate, 3 * e))
         a, b, c = b, c, rate + load(frame.twist, e) + added
         x1, x2, x3 = x2, x3, size
-        y1, y2, y3 = y2, y3, dot(p, _get(scratch.tangent, 3 * e))
-    twist, twist_tilt = _line(a, b, c, twisted)
-    long, long_tilt = _line(x1, x2, x3, linear)
-    promised, promised_tilt = _line(y1, y2, y3, linear)
+        y1, y2, y3 = y2, y3, dot(p, get(scratch.tangent, 3 * e))
+    twist, twist_tilt = line(a, b, c, twisted)
+    long, long_tilt = line(x1, x2, x3, linear)
+    promised, promised_tilt = line(y1, y2, y3, linear)
     if not linear:
         long, promised = x2, y2
     for k in range(TURN, SPAN):
         store(work, k, zero)
     for g in range(3):
         e, side = 3 * span + g, float(g - 1)
-        p, s = _get(work, SLOPES + 7 * g), _get(work, SLOPES + 7 * g + 3)
-        r, t0 = 1.0 / np.sqrt(dot(p, p)), _get(frame.tangent, 3 * e)
+        p, s = get(work, SLOPES + 7 * g), get(work, SLOPES + 7 * g + 3)
+        r, t0 = 1.0 / np.sqrt(dot(p, p)), get(frame.tangent, 3 * e)
         t = times(r, p)
-        d1 = turned(_get(frame.director, 3 * e), load(work, SLOPES + 7 * g + 6), t0, t)
+        d1 = turned(get(frame.director, 3 * e), load(work, SLOPES + 7 * g + 6), t0, t)
         kappa1, kappa2 = curvatures(s, r, t, d1)
-        x = first_at(p, s, r, t, t0, _get(frame.rate, 3 * e), d1, kappa1, kappa2)
+        x = first_at(p, s, r, t, t0, get(frame.rate, 3 * e), d1, kappa1, kappa2)
         share = MIDDLE if g == 1 else OUTER
-        stiff1, stiff2, stiff3 = _get(law.bend, 3 * e)
-        rest1, rest2, rest3 = _get(law.bend_rest, 3 * e)
+        stiff1, stiff2, stiff3 = get(law.bend, 3 * e)
+        rest1, rest2, rest3 = get(law.bend_rest, 3 * e)
         bend1, bend2 = stiff1 * (kappa1 - rest1), stiff2 * (kappa2 - rest2)
         torque = stiff3 * (twist + side * twist_tilt - rest3)
         drawn, pull, firm = zero, zero, zero
@@ -206,24 +212,24 @@ def _points(q, tables, frame, law, scratch, span, tension, first):
                 pull = load(tension, e)
             if not linear:
                 firm = stiff
-        _put(scratch.tangent, 3 * e, t)
+        put(scratch.tangent, 3 * e, t)
         f = Stress(drawn, bend1, bend2, torque, stiff1, zero, stiff2, pull)
         _keep(scratch.point, POINT * g, x, f, second(x, kappa1, kappa2, f), firm, kappa1, kappa2)
         for i in range(4):
             u1, u2 = entry(tables.b1, 4 * e + i), entry(tables.b2, 4 * e + i)
             by = mix(u1, x.twist_p, u2, x.a)
             at = TURN + 4 * i
-            _put(work, at, mix(1.0, _get(work, at), share, by))
+            put(work, at, mix(1.0, get(work, at), share, by))
             store(work, at + 3, load(work, at + 3) + spread(share * u1))
             if twisted:
                 at = TURN_TILT + 4 * i
-                _put(work, at, mix(1.0, _get(work, at), side * TILT, by))
+                put(work, at, mix(1.0, get(work, at), side * TILT, by))
                 store(work, at + 3, load(work, at + 3) + spread(side * TILT * u1))
             if linear:
                 at = LINE + 4 * i
-                _put(work, at, mix(1.0, _get(work, at), share * u1, t))
+                put(work, at, mix(1.0, get(work, at), share * u1, t))
                 at = LINE_TILT + 4 * i
-                _put(work, at, mix(1.0, _get(work, at), side * TILT * u1, t))
+                put(work, at, mix(1.0, get(work, at), side * TILT * u1, t))
 
 
 @njit(**INLINE)
@@ -232,8 +238,8 @@ def _keep(point, k, x, f, h, firm, kappa1, kappa2):
     yx, yy, zx, zy, zz), p and s (9), s and s (6), p and theta, s and theta, theta (7).
     """
     bent = mix3(f.bend1, x.kappa1_p, f.bend2, x.kappa2_p, f.torque, x.twist_p)
-    _put(point, k, mix(1.0, bent, f.tension, x.t))
-    _put(point, k + 3, mix3(f.bend1, x.kappa1_s, f.bend2, x.kappa2_s, f.torque, x.a))
+    put(point, k, mix(1.0, bent, f.tension, x.t))
+    put(point, k + 3, mix3(f.bend1, x.kappa1_s, f.bend2, x.kappa2_s, f.torque, x.a))
     store(point, k + 6, f.bend1 * kappa2 - f.bend2 * kappa1)
     store(point, k + 7, f.torque)
     stiff = times(firm, x.t)
@@ -241,17 +247,17 @@ def _keep(point, k, x, f, h, firm, kappa1, kappa2):
     store(point, k + 8, xx + stiff[0] * x.t[0])
     store(point, k + 9, yx + stiff[1] * x.t[0])
     store(point, k + 10, yy + stiff[1] * x.t[1])
-    _put(point, k + 11, mix(1.0, zp, stiff[2], x.t))
+    put(point, k + 11, mix(1.0, zp, stiff[2], x.t))
     (xx, _, _), (yx, yy, _), zs = h.ss
     store(point, k + 23, xx)
     store(point, k + 24, yx)
     store(point, k + 25, yy)
-    _put(point, k + 26, zs)
-    _put(point, k + 14, h.ps[0])
-    _put(point, k + 17, h.ps[1])
-    _put(point, k + 20, h.ps[2])
-    _put(point, k + 29, h.p_theta)
-    _put(point, k + 32, h.s_theta)
+    put(point, k + 26, zs)
+    put(point, k + 14, h.ps[0])
+    put(point, k + 17, h.ps[1])
+    put(point, k + 20, h.ps[2])
+    put(point, k + 29, h.p_theta)
+    put(point, k + 32, h.s_theta)
     store(point, k + 35, h.theta)
 
 
@@ -263,13 +269,13 @@ def _add_forces(tables, scratch, span, lo, hi):
         if not lo <= span + i < hi:
             continue
         at = 4 * (span + i)
-        force, turn = _get(gradient, at), load(gradient, at + 3)
+        force, turn = get(gradient, at), load(gradient, at + 3)
         for g in range(3):
             k, e = POINT * g, 4 * (3 * span + g) + i
             w, u, v = entry(tables.b, e), entry(tables.b1, e), entry(tables.b2, e)
-            force = mix3(1.0, force, u, _get(point, k), v, _get(point, k + 3))
+            force = mix3(1.0, force, u, get(point, k), v, get(point, k + 3))
             turn += w * load(point, k + 6) + u * load(point, k + 7)
-        _put(gradient, at, force)
+        put(gradient, at, force)
         store(gradient, at + 3, turn)
 
 
