@@ -227,7 +227,8 @@ def vary_strains(tables, frame, bend, gradients, turn, change, d_q):
             span_stretch(change.stretch, e - 2, entry(tables.linear, span) > 0.0)
             first = 3 * e - 4  # twist of the span's first point
             mean, tilt = line(
-                load(change.bend, first), load(change.bend, first + 3), load(change.bend, first + 6),
+                load(change.bend, first), load(change.bend, first + 3),
+                load(change.bend, first + 6),
                 entry(tables.twist_linear, span) > 0.0,
             )  # fmt: skip
             store(change.bend, first, mean - tilt)
