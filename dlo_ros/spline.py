@@ -108,6 +108,13 @@ class SplineBasis:
         result.flags.writeable = False
         return result
 
+    @lru_cache(maxsize=256)  # noqa: B019 - see `grid`
+    def row(self, u: float) -> FloatArray:
+        """Basis functions at u [m], kept, shape (n,), read-only."""
+        result: FloatArray = self.matrix(u)[0]
+        result.flags.writeable = False
+        return result
+
     def evaluate(self, control_points: FloatArray, u: ArrayLike, derivative: int = 0) -> FloatArray:
         """Value (or derivative) of the spline at u, shape (m, d)."""
         return self.matrix(u, derivative) @ control_points

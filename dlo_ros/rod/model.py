@@ -29,6 +29,7 @@ CONTACT_PENETRATION = 2e-6  # of L: how deep a contact gives way under all of th
 PRESLIDING_DISPLACEMENT = 3e-5  # of L: displacement at which friction acts fully
 INACTIVE = 9e5  # [1/m] curvatures that no DLO reaches
 # Properties that depend on basis and ends alone, and the commands that were imposed on such a rod.
+NO_CONTACT = np.zeros(0, np.int64), np.zeros((0, 4))  # places where contact is looked for
 DISCRETISATION = (
     "rule", "points", "gram", "basis_slope", "basis_curvature", "twist_fit", "imposed",
 )  # fmt: skip
@@ -226,7 +227,7 @@ class RodModel:
         width = length / max(self.basis.spans * CONTACTS, 1)
         # A tip touches a wall first: both ends are among the points.
         u = width * np.arange(spans * CONTACTS + 1 if spans else 0)
-        span, b = self._local(u, 0)
+        span, b = self._local(u, 0) if spans else NO_CONTACT
         # All of the DLO's weight on one point presses it in by very little.
         weight = rod.linear_density * STANDARD_GRAVITY * length
         push = weight + 10.0 * rod.bending_stiffness / length**2
@@ -257,8 +258,8 @@ class RodModel:
         n = self.basis.control_points
         if not self.body.masses:
             return np.zeros((n, 4)), np.zeros(n)
-        mass, u = np.array(self.body.masses).T
-        b = self.basis.matrix(u)
+        mass = np.array([m for m, _ in self.body.masses])
+        b = np.array([self.basis.row(u) for _, u in self.body.masses])
         return _lower_band(b.T @ (mass[:, None] * b)), b.T @ mass
 
     @cached_property
@@ -297,7 +298,7 @@ class RodModel:
         result = self.line_load.copy()
         result[:, :3] += self._hung[1][:, None] * self.body.gravity
         for u, force in self.point_forces:
-            result[:, :3] += self.basis.matrix([u])[0][:, None] * np.asarray(force)
+            result[:, :3] += self.basis.row(u)[:, None] * np.asarray(force)
         return result
 
     @property

@@ -217,7 +217,8 @@ def _compiled(
         for other, asked in both_sides(model, command, chosen):
             there = true_command(other, asked)
             commands.append(imposed_of(other, boundary, there))
-            systems.append(parts_of(other, boundary, flat=flat))
+            same = other is model
+            systems.append(systems[0] if same else parts_of(other, boundary, flat=flat))
             pair.append(any(map(_differ, commands[-1], commands[0])))
         moves.append(any(pair) or systems[-1].reach != systems[-2].reach)
         steps.append(chosen.step)
@@ -279,6 +280,7 @@ def both_sides(
         result = []
         for side in (1.0, -1.0):
             settings, asked = chosen.vary(model.settings, command, side * chosen.step)
-            result.append((model.with_settings(settings), asked))
+            same = settings is model.settings  # a pose of a clamp is no property of the rod
+            result.append((model if same else model.with_settings(settings), asked))
         cache[chosen.name] = command, result
     return cache[chosen.name][1]

@@ -321,7 +321,7 @@ class Simulation(RodSimulation):
         stamp, seen = stamp + self._measurement.later, self._measurement.measured(shape)
         if not self.parameters or derivative is None:
             return Prediction(stamp, seen, loading=borne)
-        change = np.einsum("ij,pjc->pic", down, derivative[:, :, :3])
+        change = down @ derivative[:, :, :3]
         speed = (down @ velocity)[:, :3]
         return Prediction(stamp, seen, self._measurement.sensitivity(shape, speed, change), borne)
 
