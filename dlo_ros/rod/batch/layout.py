@@ -48,7 +48,7 @@ class Layout:
         first, points = models[0], len(models[0].rule.weight)
         n, d = first.basis.control_points, 2 if flat else DOF
         self.dof = d
-        self.tables = tables_of(first.rule, _fixed(boundary, n, flat=flat))
+        self.tables = tables_of(first.rule, _fixed(boundary, n, flat=flat), alone=len(models) == 1)
         self.order = np.minimum(np.arange(-(-len(models) // LANES) * LANES), len(models) - 1)
         self.order = self.order.reshape(-1, LANES)
         stiff, weight = [model.stiffness for model in models], first.rule.weight

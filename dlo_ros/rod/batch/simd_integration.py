@@ -11,7 +11,7 @@ import numpy as np
 
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.adaptive_integration import FIRST_STEP, next_stop
-from dlo_ros.rod.batch.simd_kernels import BatchLaw, Scratch, Tables, tensions
+from dlo_ros.rod.batch.simd_kernels import BatchLaw, Scratch, addresses, tensions
 from dlo_ros.rod.batch.simd_sensitivity import (
     impose_variants,
     last_corner,
@@ -56,11 +56,7 @@ def march(sets, tables, imposed, frames, motion, place, room, clock, reach, limi
         derivatives: output, (S, G, d n, LANES).
         status: output, how each group ended and its steps, rejected ones included, (C, 2).
     """
-    common = Tables(
-        tables.n, tables.dof, tables.spans, tables.lo, tables.hi, address(tables.fixed),
-        address(tables.linear), address(tables.twist_linear), address(tables.b),
-        address(tables.b1), address(tables.b2), address(tables.products),
-    )  # fmt: skip
+    common = addresses(tables)
     law, scratch = room.law, room.scratch
     space = Room(
         BatchLaw(address(law.stretch), address(law.stretch_rest), address(law.bend),

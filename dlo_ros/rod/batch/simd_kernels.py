@@ -14,9 +14,28 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.batch.span_lanes import (
+    BASIS,
+    PRODUCT_ROWS,
+    SpanLanes,
+    gather,
+    scatter,
+    scatter_columns,
+    span_lanes,
+)  # fmt: skip
 from dlo_ros.rod.elements.rod_tables import Quadrature
 from dlo_ros.rod.elements.strains import MIDDLE, OUTER
-from dlo_ros.rod.simd.eight_lanes import entry, load, root, spread, store
+from dlo_ros.rod.simd.eight_lanes import (
+    LANES,
+    address,
+    entry,
+    load,
+    root,
+    row_address,
+    spread,
+    store,
+    table_address,
+)  # fmt: skip
 from dlo_ros.spline import FloatArray
 
 COLUMN = 8  # stored entries of a column
@@ -41,6 +60,7 @@ class Tables(NamedTuple):
     b1: FloatArray  # (nb, 4)
     b2: FloatArray  # (nb, 4)
     products: FloatArray  # (spans, PAIRS, 3, 4) of b1 and b2: 11, 12, 21, 22
+    together: SpanLanes  # spans that are assembled together
 
 
 class BatchLaw(NamedTuple):
@@ -72,10 +92,11 @@ class Frame(NamedTuple):
     twist: FloatArray  # (nb,) [rad/m]
 
 
-def tables_of(rule: Quadrature, fixed: FloatArray) -> Tables:
+def tables_of(rule: Quadrature, fixed: FloatArray, *, alone: bool = False) -> Tables:
     """The tables of a quadrature.
 
     Args:
+        alone: whether all lanes hold the same rod.
         fixed: for each number of a control point 0 where it is free, `TARGET` or `KEPT`, (n, d).
     """
     spans = len(rule.weight) // 3
@@ -88,9 +109,37 @@ def tables_of(rule: Quadrature, fixed: FloatArray) -> Tables:
         for c, (left, right) in enumerate(((b1, b1), (b1, b2), (b2, b1), (b2, b2))):
             products[:, p, :, c] = left[:, :, i] * right[:, :, j]
     linear, twisted = rule.stretch_linear.astype(np.float64), rule.twist_linear.astype(np.float64)
+    single = rule.stretch_linear | (rule.twist_linear & (fixed.shape[1] == 4))
+    together = span_lanes(rule, products, single | (not alone), fixed.shape[1])
     return Tables(
         len(fixed), fixed.shape[1], spans, lo, hi, fixed.astype(np.float64).ravel(), linear,
-        twisted, rule.b, rule.b1, rule.b2, products,
+        twisted, rule.b, rule.b1, rule.b2, products, together,
+    )  # fmt: skip
+
+
+@njit(from_python=False)
+def addresses(tables):
+    """The tables as addresses."""
+    s = tables.together
+    return Tables(
+        tables.n, tables.dof, tables.spans, tables.lo, tables.hi, address(tables.fixed),
+        address(tables.linear), address(tables.twist_linear), address(tables.b),
+        address(tables.b1), address(tables.b2), address(tables.products),
+        SpanLanes(
+            s.groups, s.count, address(s.numbers), address(s.single), address(s.b), address(s.b1),
+            address(s.b2), address(s.products), address(s.none), address(s.work),
+        ),
+    )  # fmt: skip
+
+
+@njit(from_python=False)
+def local_tables(tables, group):
+    """Tables of a group of spans in lanes, as those of a rod of one span."""
+    s = tables.together
+    return Tables(
+        4, tables.dof, 1, 0, 4, s.none, s.none, s.none, table_address(s.b, BASIS * group),
+        table_address(s.b1, BASIS * group), table_address(s.b2, BASIS * group),
+        table_address(s.products, PRODUCT_ROWS * group), s,
     )  # fmt: skip
 
 
@@ -154,8 +203,7 @@ def assemble(q, tables, law, scratch, matrix, tension, first):
         first: whether that is so.
     """
     lo, hi = tables.lo, tables.hi
-    gradient, band, point = scratch.gradient, scratch.band, scratch.point
-    zero = spread(0.0)
+    gradient, band, zero = scratch.gradient, scratch.band, spread(0.0)
     for i in range(2 * hi):
         store(gradient, i, zero)
     for j in range(lo, hi):
@@ -168,27 +216,65 @@ def assemble(q, tables, law, scratch, matrix, tension, first):
             store(band, at + COLUMN + m, x)
             store(band, at + COLUMN + m + 1, zero)
     for span in range(tables.spans):
-        linear = entry(tables.linear, span) > 0.0
-        _points(q, tables, law, scratch, span, linear, tension, first)
-        for i in range(4):
-            if lo <= span + i < hi:
-                at = 2 * (span + i)
-                x, z = load(gradient, at), load(gradient, at + 1)
-                for g in range(3):
-                    k, at_point = 14 * g, 4 * (3 * span + g) + i
-                    u, v = entry(tables.b1, at_point), entry(tables.b2, at_point)
-                    x += u * load(point, k) + v * load(point, k + 2)
-                    z += u * load(point, k + 1) + v * load(point, k + 3)
-                store(gradient, at, x)
-                store(gradient, at + 1, z)
-        if linear:
-            _add_line(scratch, law, span, lo, hi)
-        pair = 0
-        for i in range(4):
-            for j in range(i + 1):
-                if lo <= span + j and span + i < hi:
-                    _add_block(point, tables.products, PAIRS * span + pair, band, span + j, i - j)
-                pair += 1
+        if entry(tables.together.single, span) > 0.0:
+            _add_span(q, tables, law, scratch, span, tension, first)
+    for group in range(tables.together.groups):
+        _add_group(q, tables, law, scratch, group, tension, first)
+
+
+@linked()
+def _add_span(q, tables, law, scratch, span, tension, first):
+    """Add a span to gradient and Hessian."""
+    lo, hi = tables.lo, tables.hi
+    gradient, band, point = scratch.gradient, scratch.band, scratch.point
+    linear = entry(tables.linear, span) > 0.0
+    _points(q, tables, law, scratch, span, linear, tension, first)
+    for i in range(4):
+        if lo <= span + i < hi:
+            at = 2 * (span + i)
+            x, z = load(gradient, at), load(gradient, at + 1)
+            for g in range(3):
+                k, at_point = 14 * g, 4 * (3 * span + g) + i
+                u, v = entry(tables.b1, at_point), entry(tables.b2, at_point)
+                x += u * load(point, k) + v * load(point, k + 2)
+                z += u * load(point, k + 1) + v * load(point, k + 3)
+            store(gradient, at, x)
+            store(gradient, at + 1, z)
+    if linear:
+        _add_line(scratch, law, span, lo, hi)
+    pair = 0
+    for i in range(4):
+        for j in range(i + 1):
+            if lo <= span + j and span + i < hi:
+                _add_block(point, tables.products, PAIRS * span + pair, band, span + j, i - j)
+            pair += 1
+
+
+@linked()
+def _add_group(q, tables, law, scratch, group, tension, first):
+    """Add a group of spans in lanes to gradient and Hessian, see `span_lanes`."""
+    lanes = tables.together
+    numbers, work, spans = lanes.numbers, lanes.work, min(LANES, lanes.count - LANES * group)
+    own = BatchLaw(
+        row_address(work, 8), row_address(work, 11), row_address(work, 14), row_address(work, 17)
+    )  # fmt: skip
+    tense, tangent = row_address(work, 20), row_address(work, 23)
+    gradient, band = row_address(work, 29), row_address(work, 37)
+    gather(numbers, group, q, 2, 8, row_address(work, 0))
+    gather(numbers, group, law.stretch, 3, 3, own.stretch)
+    gather(numbers, group, law.stretch_rest, 3, 3, own.stretch_rest)
+    gather(numbers, group, law.bend, 3, 3, own.bend)
+    gather(numbers, group, law.bend_rest, 3, 3, own.bend_rest)
+    gather(numbers, group, tension, 3, 3, tense)
+    gather(numbers, group, scratch.tangent, 6, 6, tangent)
+    for k in range(29, 29 + 8 + 64):
+        store(work, k, spread(0.0))
+    local = Scratch(gradient, scratch.step, band, scratch.point, scratch.line, tangent)
+    _add_span(row_address(work, 0), local_tables(tables, group), own, local, 0, tense, first)
+    low, high = 2 * tables.lo, 2 * tables.hi
+    scatter(numbers, group, spans, tangent, 6, 6, 0, 6 * tables.spans, scratch.tangent)
+    scatter(numbers, group, spans, gradient, -2, 8, low, high, scratch.gradient)
+    scatter_columns(numbers, group, spans, band, COLUMN, 2, low, high, scratch.band)
 
 
 @njit(from_python=False)

@@ -144,7 +144,7 @@ def propagate(sets, tables, motion, room, h, rate_weights, place, variations):
     v, scratch, law, dof = variations, room.scratch, room.law, tables.dof
     whole = Tables(
         tables.n, dof, tables.spans, 0, tables.n, address(v.free), tables.linear,
-        tables.twist_linear, tables.b, tables.b1, tables.b2, tables.products,
+        tables.twist_linear, tables.b, tables.b1, tables.b2, tables.products, tables.together,
     )  # fmt: skip
     gradients, strains, frame = address(v.gradients), address(v.strains), _frame_before(tables, v)
     if dof == 4:

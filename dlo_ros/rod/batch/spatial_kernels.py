@@ -13,7 +13,8 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch.simd_kernels import PAIRS
+from dlo_ros.rod.batch.simd_kernels import PAIRS, BatchLaw, Frame, Scratch, local_tables
+from dlo_ros.rod.batch.span_lanes import gather, scatter, scatter_columns
 from dlo_ros.rod.elements.strain_derivatives import Stress, first_at, second
 from dlo_ros.rod.elements.strains import (
     MIDDLE,
@@ -23,7 +24,7 @@ from dlo_ros.rod.elements.strains import (
     curvatures,
     turned,
 )  # fmt: skip
-from dlo_ros.rod.simd.eight_lanes import entry, load, spread, store
+from dlo_ros.rod.simd.eight_lanes import LANES, entry, load, row_address, spread, store
 from dlo_ros.rod.simd.vector_algebra import FLAGS, INLINE, dot, mix, mix3, times
 
 BLOCKS = 64  # stored entries of a control point's columns
@@ -135,16 +136,62 @@ def assemble(q, tables, frame, law, scratch, matrix, tension, first):
                 store(band, at + 5 * c, load(matrix, row))
             store(band, at + 15, load(matrix, theta + row))
     for span in range(tables.spans):
-        _points(q, tables, frame, law, scratch, span, tension, first)
-        _add_forces(tables, scratch, span, lo, hi)
-        pair = 0
-        for i in range(4):
-            for j in range(i + 1):
-                if lo <= span + j and span + i < hi:
-                    at = BLOCKS * (span + j) + 16 * (i - j)
-                    _add_block(tables, scratch, law, span, PAIRS * span + pair, i, j, at)
-                pair += 1
+        if entry(tables.together.single, span) > 0.0:
+            _add_span(q, tables, frame, law, scratch, span, tension, first)
+    for group in range(tables.together.groups):
+        _add_group(q, tables, frame, law, scratch, group, tension, first)
     hold(tables, band)
+
+
+@linked(**FLAGS)
+def _add_span(q, tables, frame, law, scratch, span, tension, first):
+    """Add a span to gradient and Hessian."""
+    lo, hi = tables.lo, tables.hi
+    _points(q, tables, frame, law, scratch, span, tension, first)
+    _add_forces(tables, scratch, span, lo, hi)
+    pair = 0
+    for i in range(4):
+        for j in range(i + 1):
+            if lo <= span + j and span + i < hi:
+                at = BLOCKS * (span + j) + 16 * (i - j)
+                _add_block(tables, scratch, law, span, PAIRS * span + pair, i, j, at)
+            pair += 1
+
+
+@linked(**FLAGS)
+def _add_group(q, tables, frame, law, scratch, group, tension, first):
+    """Add a group of spans in lanes to gradient and Hessian, see `span_lanes`."""
+    lanes = tables.together
+    numbers, work, spans = lanes.numbers, lanes.work, min(LANES, lanes.count - LANES * group)
+    own = BatchLaw(
+        row_address(work, 16), row_address(work, 19), row_address(work, 22), row_address(work, 31)
+    )  # fmt: skip
+    tense, tangent = row_address(work, 40), row_address(work, 43)
+    carried = Frame(
+        row_address(work, 52), row_address(work, 61), row_address(work, 70), row_address(work, 79)
+    )  # fmt: skip
+    gradient, band = row_address(work, 82), row_address(work, 98)
+    gather(numbers, group, q, 4, 16, row_address(work, 0))
+    gather(numbers, group, law.stretch, 3, 3, own.stretch)
+    gather(numbers, group, law.stretch_rest, 3, 3, own.stretch_rest)
+    gather(numbers, group, law.bend, 9, 9, own.bend)
+    gather(numbers, group, law.bend_rest, 9, 9, own.bend_rest)
+    gather(numbers, group, tension, 3, 3, tense)
+    gather(numbers, group, scratch.tangent, 9, 9, tangent)
+    gather(numbers, group, frame.tangent, 9, 9, carried.tangent)
+    gather(numbers, group, frame.rate, 9, 9, carried.rate)
+    gather(numbers, group, frame.director, 9, 9, carried.director)
+    gather(numbers, group, frame.twist, 3, 3, carried.twist)
+    for k in range(82, 82 + 16 + 256):
+        store(work, k, spread(0.0))
+    local = Scratch(gradient, scratch.step, band, scratch.point, scratch.line, tangent)
+    _add_span(
+        row_address(work, 0), local_tables(tables, group), carried, own, local, 0, tense, first
+    )
+    low, high = tables.lo, tables.hi
+    scatter(numbers, group, spans, tangent, 9, 9, 0, 9 * tables.spans, scratch.tangent)
+    scatter(numbers, group, spans, gradient, -4, 16, 4 * low, 4 * high, scratch.gradient)
+    scatter_columns(numbers, group, spans, band, BLOCKS, 1, low, high, scratch.band)
 
 
 @linked()
@@ -220,11 +267,11 @@ def _points(q, tables, frame, law, scratch, span, tension, first):
             by = mix(u1, x.twist_p, u2, x.a)
             at = TURN + 4 * i
             put(work, at, mix(1.0, get(work, at), share, by))
-            store(work, at + 3, load(work, at + 3) + spread(share * u1))
+            store(work, at + 3, load(work, at + 3) + share * u1)
             if twisted:
                 at = TURN_TILT + 4 * i
                 put(work, at, mix(1.0, get(work, at), side * TILT, by))
-                store(work, at + 3, load(work, at + 3) + spread(side * TILT * u1))
+                store(work, at + 3, load(work, at + 3) + (side * TILT) * u1)
             if linear:
                 at = LINE + 4 * i
                 put(work, at, mix(1.0, get(work, at), share * u1, t))

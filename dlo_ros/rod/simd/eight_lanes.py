@@ -94,6 +94,7 @@ def _negate(context, builder, sig, args):
 
 
 ADDRESS = types.CPointer(types.float64)
+TABLE = types.CPointer(vector)  # address of rows of which `entry` gives whole ones
 
 
 def _data(context, builder, kind, array):
@@ -132,8 +133,40 @@ def row_address(_, array, row):
 
 
 @intrinsic
+def table_address(_, array, row):
+    """The same, for `entry`: what is one number for all lanes elsewhere is one for each there."""
+
+    def generate(context, builder, sig, args):
+        return _row(context, builder, sig, args)
+
+    return TABLE(array, row), generate
+
+
+@intrinsic
+def put_entry(_, array, index, value):
+    """Write a number of a contiguous array; the index is not checked."""
+
+    def generate(context, builder, sig, args):
+        at = context.cast(builder, args[1], sig.args[1], types.intp)
+        builder.store(args[2], builder.gep(_data(context, builder, sig.args[0], args[0]), [at]))
+        return context.get_dummy_value()
+
+    return types.void(array, index, types.float64), generate
+
+
+@intrinsic
 def entry(_, array, index):
-    """A number of a contiguous array, counted through all its axes; the index is not checked."""
+    """A number of a contiguous array, counted through all its axes; the index is not checked.
+
+    Of a `table_address`: a row.
+    """
+    if array == TABLE:
+
+        def generate_row(context, builder, sig, args):
+            at = context.cast(builder, args[1], sig.args[1], types.intp)
+            return builder.load(builder.gep(args[0], [at]), align=8)
+
+        return vector(array, index), generate_row
 
     def generate(context, builder, sig, args):
         at = context.cast(builder, args[1], sig.args[1], types.intp)

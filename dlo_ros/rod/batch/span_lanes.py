@@ -1,0 +1,136 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Knot spans of one rod in lanes: where all lanes hold the same rod, eight spans cost as one.
+
+Their numbers are gathered to rows as if each were a rod of four control points, in a lane of its
+own; forces and stiffness are scattered back to all lanes. Spans whose stretch or twist is a straight
+line are assembled one by one.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.elements.rod_tables import Quadrature
+from dlo_ros.rod.simd.eight_lanes import LANES, entry, load, put_entry, rows, spread, store
+from dlo_ros.spline import FloatArray
+
+POINTS = 3  # of a span
+BASIS = 12  # rows of basis functions at a span's points
+PRODUCT_ROWS = 120  # rows of their products, see `simd_kernels.Tables`
+
+
+class SpanLanes(NamedTuple):
+    """Tables of spans in lanes, groups of LANES of them; the last span fills up."""
+
+    groups: int  # 0 where lanes hold several rods
+    count: int  # spans in them
+    numbers: FloatArray  # (LANES groups,) numbers of the spans
+    single: FloatArray  # (spans,) not 0 where a span is assembled by itself
+    b: FloatArray  # (groups, BASIS, LANES)
+    b1: FloatArray
+    b2: FloatArray
+    products: FloatArray  # (groups, PRODUCT_ROWS, LANES)
+    none: FloatArray  # (16,) zeros: nothing is held, nothing is a line
+    work: FloatArray  # (rows, LANES)
+
+
+def span_lanes(
+    rule: Quadrature, products: FloatArray, single: NDArray[np.bool_], dof: int
+) -> SpanLanes:
+    """The spans of one rod in lanes.
+
+    Args:
+        products: see `simd_kernels.Tables`.
+        single: which spans are assembled by themselves, shape (spans,).
+        dof: numbers of a control point.
+    """
+    chosen = np.flatnonzero(~single)
+    groups = -(-len(chosen) // LANES)
+    order = np.minimum(np.arange(groups * LANES), len(chosen) - 1)
+    numbers = chosen[order] if groups else order
+
+    def lanes(table: FloatArray) -> FloatArray:
+        flat = table.reshape(len(single), -1)[numbers].reshape(groups, LANES, -1)
+        result = rows(groups, flat.shape[2])
+        result[...] = flat.transpose(0, 2, 1)
+        return result
+
+    return SpanLanes(
+        groups, len(chosen), numbers.astype(np.float64), single.astype(np.float64), lanes(rule.b),
+        lanes(rule.b1), lanes(rule.b2), lanes(products), np.zeros(16), rows(work_rows(dof)),
+    )  # fmt: skip
+
+
+def work_rows(dof: int) -> int:
+    """Rows of `SpanLanes.work`: numbers of the rod, then gradient and stiffness."""
+    if dof == 4:
+        return 16 + 6 + 18 + 3 + 9 + 30 + 16 + 256
+    return 8 + 6 + 6 + 3 + 6 + 8 + 64
+
+
+@linked()
+def gather(numbers, group, source, stride, count, out):
+    """Write rows of a group's spans to lanes.
+
+    Args:
+        numbers: see `SpanLanes`.
+        source: rows of the rod, the same in all lanes.
+        stride, count: rows from one span to the next, and how many belong to one.
+        out: output, (count, LANES).
+    """
+    for lane in range(LANES):
+        first = LANES * stride * int(entry(numbers, LANES * group + lane))
+        for r in range(count):
+            put_entry(out, LANES * r + lane, entry(source, first + LANES * r))
+
+
+@linked()
+def scatter(numbers, group, spans, source, stride, count, low, high, target):
+    """Write rows of a group's spans to rows of the rod, to what is there already where stride < 0.
+
+    Args:
+        numbers, group, stride, count: as in `gather`.
+        spans: how many spans the group has.
+        source: rows (count, LANES).
+        low, high: rows of the rod that are written.
+        target: rows of the rod.
+    """
+    added = stride < 0
+    for lane in range(spans):
+        first = abs(stride) * int(entry(numbers, LANES * group + lane))
+        for r in range(count):
+            to = first + r
+            if low <= to < high:
+                x = entry(source, LANES * r + lane)
+                store(target, to, load(target, to) + x if added else spread(x))
+
+
+@linked()
+def scatter_columns(numbers, group, spans, source, size, shift, low, high, target):
+    """Add columns of a group's stiffness to those of the rod.
+
+    Row `size` a + m couples number a + m, or with blocks the one of control point a + m // 16, to
+    number or control point a.
+
+    Args:
+        source: rows of the four control points.
+        size: rows of a column, or of a control point's columns of blocks.
+        shift: columns from one span to the next.
+        low, high: columns of the rod that are free.
+        target: rows of the rod.
+    """
+    width = 16 if shift == 1 else 1
+    count = 4 if shift == 1 else 8
+    for lane in range(spans):
+        first = shift * int(entry(numbers, LANES * group + lane))
+        for a in range(count):
+            column = first + a
+            if column < low:
+                continue
+            for m in range(min(count - a, high - column) * width):
+                to, x = size * column + m, entry(source, LANES * (size * a + m) + lane)
+                store(target, to, load(target, to) + x)
