@@ -301,7 +301,7 @@ class RodModel:
             result[:, :3] += self.basis.row(u)[:, None] * np.asarray(force)
         return result
 
-    @property
+    @cached_property
     def rate2(self) -> float:
         """Scale of squared frequencies [1/s^2], for the mass shift of the static solver."""
         rod = self.settings.rod

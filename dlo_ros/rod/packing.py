@@ -133,25 +133,41 @@ def varying_of(state: State, *, flat: bool) -> SensitivityState:
     )  # fmt: skip
 
 
-def nothing_varies(state: State, count: int, *, flat: bool = False) -> SensitivityState:
-    """Zero sensitivities of a state to `count` parameters."""
-    n, nb = len(state.q), len(state.strains.other)
+def nothing_varies(
+    state: State, count: int, *, flat: bool = False, rates: Rates | None = None
+) -> SensitivityState:
+    """Zero sensitivities of a state to `count` parameters.
+
+    Args:
+        flat: whether they are those of a planar rod.
+        rates: derivatives of the rod's numbers; None: zeros.
+    """
+    n, nb, d = len(state.q), len(state.strains.other), 2 if flat else 4
 
     def zeros(*shape: int) -> FloatArray:
         return np.zeros((count, *shape))
 
-    d = 2 if flat else 4
-    stiffness = Stiffness(zeros(nb), zeros(nb), zeros(nb, 3), zeros(nb, 2), zeros(nb), zeros(nb))
-    law = ConstitutiveLaw._make(zeros() for _ in ConstitutiveLaw._fields)
-    rates = Rates(
-        stiffness, zeros(n, 4), zeros(n, 4), zeros(n, 4), zeros(n, d), zeros(), law, zeros(),
-        zeros(), zeros(),
-    )  # fmt: skip
+    if rates is None:
+        rates = _no_rates(n, nb, d, count)
     return SensitivityState(
         zeros(), zeros(), rates, LINEAR, zeros(n, d), zeros(n, d), zeros(n, d), zeros(n, d),
         Reference(zeros(nb, 3), zeros(nb, 3), zeros(nb, 3), zeros(nb)),
-        np.tile(state.frames, (count, 2, 1, 1)), zeros(nb), zeros(nb), zeros(nb, 3),
-        zeros(nb, 3), InternalVariables(*(zeros(*x.shape) for x in state.internal)),
+        state.frames[None, None].repeat(2, axis=1).repeat(count, axis=0), zeros(nb), zeros(nb),
+        zeros(nb, 3), zeros(nb, 3), InternalVariables(*(zeros(*x.shape) for x in state.internal)),
+    )  # fmt: skip
+
+
+def _no_rates(n: int, nb: int, d: int, count: int) -> Rates:
+    """Zero derivatives of the numbers of a rod with n control points and nb quadrature points."""
+
+    def zeros(*shape: int) -> FloatArray:
+        return np.zeros((count, *shape))
+
+    stiffness = Stiffness(zeros(nb), zeros(nb), zeros(nb, 3), zeros(nb, 2), zeros(nb), zeros(nb))
+    law = ConstitutiveLaw._make(zeros() for _ in ConstitutiveLaw._fields)
+    return Rates(
+        stiffness, zeros(n, 4), zeros(n, 4), zeros(n, 4), zeros(n, d), zeros(), law, zeros(),
+        zeros(), zeros(),
     )  # fmt: skip
 
 
@@ -160,12 +176,17 @@ def insensitive(state: State, count: int) -> State:
     return replace(state, sensitivity=nothing_varies(state, count) if count else None)
 
 
-def varying_in_space(varying: SensitivityState, q: FloatArray) -> SensitivityState:
-    """Sensitivities of a planar rod as those of one in space at q (n, 4)."""
-    return varying._replace(
-        q=expand(varying.q, q), velocity=expand(varying.velocity, q),
-        acceleration=expand(varying.acceleration, q), auxiliary=expand(varying.auxiliary, q),
-    )  # fmt: skip
+def varying_in_space(
+    varying: SensitivityState, q: FloatArray, *, still: bool = False
+) -> SensitivityState:
+    """Sensitivities of a planar rod as those of one in space at q (n, 4).
+
+    Args:
+        still: whether the rod is at rest, whatever its parameters.
+    """
+    d_q, changes = expand(varying.q, q), (varying.velocity, varying.acceleration, varying.auxiliary)
+    moving = [np.zeros_like(d_q)] * 3 if still else [expand(x, q) for x in changes]
+    return varying._replace(q=d_q, velocity=moving[0], acceleration=moving[1], auxiliary=moving[2])
 
 
 def state_of(
@@ -181,7 +202,7 @@ def state_of(
         expand(x, q) if zero is None else zero for x in (m.velocity, m.acceleration, m.auxiliary)
     )
     if varying is not None and flat:
-        varying = varying_in_space(varying, q)
+        varying = varying_in_space(varying, q, still=still)
     return State(
         stamp, q, velocity, acceleration, auxiliary,
         flat_reference(model, q, before.reference) if flat else m.reference, m.frames,

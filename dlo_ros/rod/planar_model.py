@@ -77,9 +77,26 @@ def expand(x: FloatArray, like: FloatArray) -> FloatArray:
 
 def flat_reference(model: RodModel, q: FloatArray, before: Reference) -> Reference:
     """The reference frame at a planar configuration (n, 4): its first director stays y."""
-    p = model.basis_slope @ q[:, :3]
-    s = model.basis_curvature @ q[:, :3]
-    speed = np.linalg.norm(p, axis=1, keepdims=True)
-    tangent = p / speed
-    rate = (s - tangent * np.sum(tangent * s, axis=1, keepdims=True)) / speed
+    rule = model.rule
+    tangent, rate = _tangents(rule.span, rule.b1, rule.b2, q)
     return Reference(tangent, rate, before.director, before.twist)
+
+
+@njit()
+def _tangents(span, b1, b2, q):
+    """Unit tangents of a planar configuration (n, 4) and their derivatives along u, (nb, 3)."""
+    tangent, rate = np.zeros((span.size, 3)), np.zeros((span.size, 3))
+    for e in range(span.size):
+        px, pz, sx, sz = 0.0, 0.0, 0.0, 0.0
+        for i in range(4):
+            x, z = q[span[e] + i, 0], q[span[e] + i, 2]
+            px += b1[e, i] * x
+            pz += b1[e, i] * z
+            sx += b2[e, i] * x
+            sz += b2[e, i] * z
+        r = 1.0 / np.sqrt(px * px + pz * pz)
+        tx, tz = px * r, pz * r
+        along = tx * sx + tz * sz
+        tangent[e, 0], tangent[e, 2] = tx, tz
+        rate[e, 0], rate[e, 2] = (sx - along * tx) * r, (sz - along * tz) * r
+    return tangent, rate

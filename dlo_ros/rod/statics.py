@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -104,7 +105,8 @@ def settle(
         )
     varying = None
     if parameters:
-        varying = rod.mark(nothing_varies(state, len(parameters), flat=flat))
+        varying = nothing_varies(state, len(parameters), flat=flat, rates=rod.rates)
+        varying = rod.mark(varying)
         propagate_equilibrium(
             rod.system, rod.imposed, before.q, rest, before.internal, fresh, varying
         )
@@ -156,7 +158,7 @@ def reachable(model: RodModel, held: Held, boundary: Boundary) -> None:
     # What may slip in through a grip meanwhile counts from the start.
     longer = model.body.lengthening + max(model.body.slip or 0.0, 0.0) / model.basis.length
     for (u0, r0), (u1, r1) in pairwise(points):
-        apart, length = float(np.linalg.norm(r1 - r0)), longer * float(u1 - u0)
+        apart, length = math.dist(r0, r1), longer * float(u1 - u0)
         if apart > 1.02 * length:
             raise SimulationError(
                 f"the command holds two points {apart:.4g} m apart, but the DLO between them is "

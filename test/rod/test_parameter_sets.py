@@ -21,7 +21,7 @@ from rods import PAPER, Nothing, command, held_start, settled, straight
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.parameters import DampingParameters
 from dlo_ros.rod import dynamics
-from dlo_ros.rod.batch import simd_kernels, simd_solver
+from dlo_ros.rod.batch import simd_kernels, simd_solver, simd_tables
 from dlo_ros.rod.batch.parameter_sets import ParameterSets, follow_many
 from dlo_ros.rod.elements import rod_forces
 from dlo_ros.rod.elements.constitutive_law import room
@@ -86,7 +86,7 @@ def test_equations_are_those_of_one_rod(held, first):
         law.bend[:, k], law.bend_rest[:, k] = model.rule.weight * stiff.bend[:, 0], rest
     fixed = np.ones((n, 2))
     fixed[lo:hi] = 0.0
-    tables = simd_kernels.tables_of(model.rule, fixed)
+    tables = simd_tables.tables_of(model.rule, fixed)
     stretch, bend, tension = rows(nb), rows(nb), rows(nb)
     simd_kernels.strains(q, tables, stretch, bend)
     simd_kernels.tensions(stretch, law, tables, tension)

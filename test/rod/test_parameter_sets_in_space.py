@@ -19,7 +19,7 @@ from rods import PAPER, command, straight
 from scipy.spatial.transform import Rotation
 
 from dlo_ros.rod import dynamics
-from dlo_ros.rod.batch import simd_kernels, simd_solver, spatial_kernels
+from dlo_ros.rod.batch import simd_kernels, simd_solver, spatial_kernels, spatial_strains
 from dlo_ros.rod.batch.layout import Layout
 from dlo_ros.rod.batch.parameter_sets import follow_many
 from dlo_ros.rod.boundary.conditions import BODY, DIRECTOR
@@ -80,7 +80,7 @@ def test_equations_in_space_are_those_of_one_rod(first):
     q, frame = motion.q[0].copy(), simd_kernels.Frame(*(x[0].copy() for x in motion.frame))
     carried = simd_kernels.Frame(*(x.copy() for x in frame))
     stretch, other, tension = rows(nb), rows(3 * nb), rows(nb)
-    spatial_kernels.advance_frame(q, tables, carried, stretch, other)
+    spatial_strains.advance_frame(q, tables, carried, stretch, other)
     simd_kernels.tensions(stretch, law, tables, tension)
     inertia, spin, rhs = 1e3 * model.mass, 1e3 * model.spin, rng.normal(size=(n, 4))
     room_.matrix[:] = np.concatenate([inertia.ravel(), spin.ravel()])[:, None]

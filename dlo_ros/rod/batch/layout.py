@@ -11,14 +11,12 @@ import numpy as np
 from dlo_ros.rod.batch import spatial_kernels
 from dlo_ros.rod.batch.simd_kernels import (
     COLUMN,
-    KEPT,
-    TARGET,
     BatchLaw,
     Frame,
     Scratch,
-    tables_of,
 )  # fmt: skip
 from dlo_ros.rod.batch.simd_step import BatchState, Room, Sets
+from dlo_ros.rod.batch.simd_tables import KEPT, TARGET, tables_of
 from dlo_ros.rod.boundary.conditions import END_CLAMP, START_CLAMP
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.elements.rod_tables import DOF
@@ -115,7 +113,7 @@ class Layout:
 
 
 def _fixed(boundary: Boundary, n: int, *, flat: bool) -> FloatArray:
-    """What is held of the numbers of each control point, see `simd_kernels.tables_of`."""
+    """What is held of the numbers of each control point, see `simd_tables.tables_of`."""
     fixed = np.where(boundary.fixed.reshape(n, DOF), TARGET, 0.0)
     # Without a clamp the twist angle of an end is held where it is.
     for end, clamp in ((0, START_CLAMP), (-1, END_CLAMP)):

@@ -11,7 +11,7 @@ import numpy as np
 
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.adaptive_integration import FIRST_STEP, next_stop
-from dlo_ros.rod.batch.simd_kernels import BatchLaw, Scratch, addresses, tensions
+from dlo_ros.rod.batch.simd_kernels import BatchLaw, Scratch, tensions
 from dlo_ros.rod.batch.simd_sensitivity import (
     impose_variants,
     last_corner,
@@ -27,6 +27,7 @@ from dlo_ros.rod.batch.simd_step import (
     rate_weights,
     try_step,
 )  # fmt: skip
+from dlo_ros.rod.batch.simd_tables import addresses
 from dlo_ros.rod.boundary.conditions import Imposed, impose
 from dlo_ros.rod.simd.eight_lanes import LANES, address, entry, load, store
 from dlo_ros.rod.solve.generalised_alpha import DONE, NO_CONVERGENCE, NO_DIRECTION, SMALLEST_STEP

@@ -15,9 +15,10 @@ import numpy as np
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.batch import planar_sensitivity, spatial_kernels, spatial_sensitivity
-from dlo_ros.rod.batch.simd_kernels import BatchLaw, Frame, Scratch, Tables, assemble
+from dlo_ros.rod.batch.simd_kernels import BatchLaw, Frame, Scratch, assemble
 from dlo_ros.rod.batch.simd_solver import solve, solve_again
 from dlo_ros.rod.batch.simd_step import BatchState, Sets
+from dlo_ros.rod.batch.simd_tables import Tables
 from dlo_ros.rod.boundary.conditions import Imposed, impose
 from dlo_ros.rod.simd.eight_lanes import (
     LANES,

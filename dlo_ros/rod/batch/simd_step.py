@@ -9,9 +9,8 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch import spatial_kernels
+from dlo_ros.rod.batch import spatial_kernels, spatial_strains
 from dlo_ros.rod.batch.simd_kernels import (
-    TARGET,
     BatchLaw,
     Frame,
     Scratch,
@@ -20,6 +19,7 @@ from dlo_ros.rod.batch.simd_kernels import (
     tensions,
 )  # fmt: skip
 from dlo_ros.rod.batch.simd_solver import residual, solve
+from dlo_ros.rod.batch.simd_tables import TARGET
 from dlo_ros.rod.simd.eight_lanes import entry, largest, load, root, spread, store
 from dlo_ros.rod.solve.generalised_alpha import ALPHA_F, ALPHA_M, BETA, GAMMA, SMALLEST_STEP
 from dlo_ros.spline import FloatArray
@@ -239,7 +239,7 @@ def accept(tables, motion, room, h):
     for e in range(3 * tables.spans * (3 if tables.dof == 4 else 1)):
         store(motion.bend_before, e, load(motion.bend, e))
     if tables.dof == 4:
-        spatial_kernels.advance_frame(motion.q, tables, motion.frame, motion.stretch, motion.bend)
+        spatial_strains.advance_frame(motion.q, tables, motion.frame, motion.stretch, motion.bend)
     else:
         strains(motion.q, tables, motion.stretch, motion.bend)
     tensions(motion.stretch, room.law, tables, motion.tension)

@@ -2,8 +2,8 @@
 """Knot spans of one rod in lanes: where all lanes hold the same rod, eight spans cost as one.
 
 Their numbers are gathered to rows as if each were a rod of four control points, in a lane of its
-own; forces and stiffness are scattered back to all lanes. Spans whose stretch or twist is a straight
-line are assembled one by one.
+own; forces and stiffness are scattered back to all lanes. Spans whose stretch or twist is a
+straight line are assembled one by one.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from dlo_ros.spline import FloatArray
 
 POINTS = 3  # of a span
 BASIS = 12  # rows of basis functions at a span's points
-PRODUCT_ROWS = 120  # rows of their products, see `simd_kernels.Tables`
+PRODUCT_ROWS = 120  # rows of their products, see `simd_tables.Tables`
 
 
 class SpanLanes(NamedTuple):
     """Tables of spans in lanes, groups of LANES of them; the last span fills up."""
 
     groups: int  # 0 where lanes hold several rods
-    count: int  # spans in them
+    size: int  # spans in them
     numbers: FloatArray  # (LANES groups,) numbers of the spans
     single: FloatArray  # (spans,) not 0 where a span is assembled by itself
     b: FloatArray  # (groups, BASIS, LANES)
@@ -44,7 +44,7 @@ def span_lanes(
     """The spans of one rod in lanes.
 
     Args:
-        products: see `simd_kernels.Tables`.
+        products: see `simd_tables.Tables`.
         single: which spans are assembled by themselves, shape (spans,).
         dof: numbers of a control point.
     """
@@ -54,9 +54,9 @@ def span_lanes(
     numbers = chosen[order] if groups else order
 
     def lanes(table: FloatArray) -> FloatArray:
-        flat = table.reshape(len(single), -1)[numbers].reshape(groups, LANES, -1)
-        result = rows(groups, flat.shape[2])
-        result[...] = flat.transpose(0, 2, 1)
+        flat = table.reshape(len(single), -1)
+        result = rows(groups, flat.shape[1])
+        result[...] = flat[numbers].reshape(groups, LANES, flat.shape[1]).transpose(0, 2, 1)
         return result
 
     return SpanLanes(

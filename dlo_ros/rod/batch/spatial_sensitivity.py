@@ -11,7 +11,8 @@ import numpy as np
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.batch.simd_kernels import span_stretch
-from dlo_ros.rod.batch.spatial_kernels import BLOCKS, get, line, put, slopes
+from dlo_ros.rod.batch.spatial_kernels import BLOCKS
+from dlo_ros.rod.batch.spatial_strains import get, line, put, slopes
 from dlo_ros.rod.elements.strain_derivatives import first_at
 from dlo_ros.rod.elements.strains import MIDDLE, carried, turned
 from dlo_ros.rod.simd.eight_lanes import entry, load, store

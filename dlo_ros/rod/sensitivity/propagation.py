@@ -132,6 +132,35 @@ def _stresses(system, old, new, varying):
     return stress_s, stress_o
 
 
+@linked()
+def _stresses_at_rest(system, rest, more):
+    """Derivatives of the stresses of a linear rod at rest, strains held; see `_stresses`.
+
+    Args:
+        rest: its state.
+        more: derivatives of its stiffness and rest strains by P parameters.
+    """
+    base = system.stiffness
+    count, nb = more.stretch.shape
+    stress_s, stress_o = np.empty((count, nb)), np.empty((count, nb, 3))
+    for a in range(count):
+        for e in range(nb):
+            x = rest.stretch[e] - base.stretch_rest[0, e]
+            stress_s[a, e] = more.stretch[a, e] * x
+            stress_s[a, e] -= base.stretch[0, e] * more.stretch_rest[a, e]
+            x = rest.other[e, 2] - base.twist_rest[0, e]
+            stress_o[a, e, 2] = more.twist[a, e] * x - base.twist[0, e] * more.twist_rest[a, e]
+            for c in range(2):
+                total = 0.0
+                for d in range(2):  # each curvature by the moment about the other director, too
+                    at = c if c == d else 2
+                    x = rest.other[e, d] - base.bend_rest[0, e, d]
+                    total += more.bend[a, e, at] * x
+                    total -= base.bend[0, e, at] * more.bend_rest[a, e, d]
+                stress_o[a, e, c] = total
+    return stress_s, stress_o
+
+
 @njit(from_python=False)
 def _any(x):
     """Whether a number is not 0."""
@@ -310,20 +339,27 @@ def propagate_equilibrium(system, imposed, before, rest, internal, fresh, varyin
     count, m = varying.step.size, system.pins.shape[0]
     rhs, increments = np.zeros((count, q.size)), np.zeros((count, q.size))
     gaps, spare, still = np.zeros((count, m)), np.empty(band.shape), np.zeros(q.shape)
+    written_out = varying.kind == LINEAR
+    if written_out:
+        stress_s, stress_o = _stresses_at_rest(system, rest, varying.rates.stiffness)
+        rhs -= rod_forces.stress_forces(rule, grad_s, grad_o, stress_s, stress_o)
+        for a in range(count):
+            add(rhs[a], 1.0, varying.rates.load[a].ravel())
     for a in range(count):
         for side in range(2):
             k = 1 + 2 * a + side
             share = 0.5 / (varying.step[a] if side == 0 else -varying.step[a])
-            factor = growth(imposed, k, time)
-            other = material_at_rest(system, k, factor, internal)
-            if fresh:
-                other = frictionless(other)
-            elastic = _held_forces(
-                q, rest.stretch, rest.other, rule, other, grad_s, grad_o, response, spare
-            )
-            pull = residual(system, k, factor, still, still).ravel()
-            for i in range(q.size):
-                rhs[a, i] -= share * (pull[i] + elastic[i])
+            if not written_out:
+                factor = growth(imposed, k, time)
+                other = material_at_rest(system, k, factor, internal)
+                if fresh:
+                    other = frictionless(other)
+                elastic = _held_forces(
+                    q, rest.stretch, rest.other, rule, other, grad_s, grad_o, response, spare
+                )
+                pull = residual(system, k, factor, still, still).ravel()
+                for i in range(q.size):
+                    rhs[a, i] -= share * (pull[i] + elastic[i])
             if varying.moves[a] != 0.0:
                 _, target, gap = targets(system, k, imposed, time, before, varying.frames[a, side])
                 if q.shape[1] != PLANAR:

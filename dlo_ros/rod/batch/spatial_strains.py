@@ -1,0 +1,88 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Strains and reference frames of eight rods in space; formulas: `elements.strains`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.elements.strains import MIDDLE, OUTER, carried_twist, carry, curvatures, turned
+from dlo_ros.rod.simd.eight_lanes import entry, load, store
+from dlo_ros.rod.simd.vector_algebra import FLAGS, INLINE, dot, mix, times
+
+
+@njit(**INLINE)
+def get(array, at):
+    """Three rows as a vector."""
+    return load(array, at), load(array, at + 1), load(array, at + 2)
+
+
+@njit(**INLINE)
+def put(array, at, vector):
+    """Write three rows."""
+    store(array, at, vector[0])
+    store(array, at + 1, vector[1])
+    store(array, at + 2, vector[2])
+
+
+@njit(**INLINE)
+def slopes(q, tables, e):
+    """First and second derivative along u, theta and its derivative at point e."""
+    at = 4 * (e // 3)
+    w, u, v = entry(tables.b, 4 * e), entry(tables.b1, 4 * e), entry(tables.b2, 4 * e)
+    x, angle = get(q, at), load(q, at + 3)
+    p, s, theta, rate = times(u, x), times(v, x), w * angle, u * angle
+    for i in range(1, 4):
+        k = 4 * e + i
+        w, u, v = entry(tables.b, k), entry(tables.b1, k), entry(tables.b2, k)
+        x, angle = get(q, at + 4 * i), load(q, at + 4 * i + 3)
+        p, s = mix(1.0, p, u, x), mix(1.0, s, v, x)
+        theta += w * angle
+        rate += u * angle
+    return p, s, theta, rate
+
+
+@linked(**FLAGS)
+def advance_frame(q, tables, frame, stretch, other):
+    """Write the strains of a configuration, and carry the reference frame to it.
+
+    Args:
+        stretch, other: output, stretch (nb, LANES) of whole spans; kappa_1, kappa_2 and twist, the
+            twist of whole spans, (3 nb, LANES).
+    """
+    for e in range(3 * tables.spans):
+        p, s, theta, rate = slopes(q, tables, e)
+        n = np.sqrt(dot(p, p))
+        t0, turning, director = (get(frame.tangent, 3 * e), get(frame.rate, 3 * e),
+                                 get(frame.director, 3 * e))  # fmt: skip
+        r = 1.0 / n
+        t = times(r, p)
+        kappa1, kappa2 = curvatures(s, r, t, turned(director, theta, t0, t))
+        twist = load(frame.twist, e) + carried_twist(p, s, r, t0, turning)
+        store(stretch, e, n - 1.0)
+        put(other, 3 * e, (kappa1, kappa2, twist + rate))
+        store(frame.twist, e, twist)
+        put(frame.tangent, 3 * e, t)
+        put(frame.rate, 3 * e, mix(r, s, -r * dot(t, s), t))
+        put(frame.director, 3 * e, carry(director, t0, t))
+        if e % 3 == 2:
+            span = e // 3
+            a, b, c = load(stretch, e - 2), load(stretch, e - 1), load(stretch, e)
+            mean, tilt = line(a, b, c, entry(tables.linear, span) > 0.0)
+            if not entry(tables.linear, span) > 0.0:
+                mean = b
+            put(stretch, e - 2, (mean - tilt, mean, mean + tilt))
+            at = 3 * e - 4  # twist of the span's first point
+            a, b, c = load(other, at), load(other, at + 3), load(other, at + 6)
+            mean, tilt = line(a, b, c, entry(tables.twist_linear, span) > 0.0)
+            store(other, at, mean - tilt)
+            store(other, at + 3, mean)
+            store(other, at + 6, mean + tilt)
+
+
+@njit(**INLINE)
+def line(a, b, c, tilted):
+    """Mean of a span's three values, and the rise of their straight line where it is tilted."""
+    mean, tilt = OUTER * (a + c) + MIDDLE * b, 0.5 * (c - a)
+    return mean, (tilt if tilted else 0.0 * tilt)
