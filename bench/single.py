@@ -15,7 +15,6 @@ from bench.tasks import T1, T2, Task
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.rod import dynamics, statics
 from dlo_ros.rod.boundary.imposed_motion import Boundary
-from dlo_ros.rod.integration import integrate
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import moving_of, nothing_varies
 from dlo_ros.rod.sensitivity.propagation import propagate_equilibrium
@@ -134,10 +133,16 @@ def cost_of_sizes(*, spatial: bool) -> dict[int, float]:
     return result
 
 
+def _followed(*arguments: Any, spatial: bool) -> Any:
+    """A motion as `dynamics.follow` gives it, in space where that is forced."""
+    with in_space(spatial):
+        return dynamics.follow(*arguments)
+
+
 def cost_of_parameters(*, spatial: bool) -> dict[int, float]:
     """CPU time of T2 with 0 to 4 parameters' sensitivities carried along, over that with none.
 
-    All in the engine that carries sensitivities; without any, the plane has a faster one.
+    All by `dynamics.follow`, as a user calls it.
     """
     model, boundary, state, imposed = straight(T2, {"control_points": 13, **DAMPED})
     stamps = [round(T2.duration * NANOSECONDS)]
@@ -146,8 +151,8 @@ def cost_of_parameters(*, spatial: bool) -> dict[int, float]:
         # The rod starts in a given shape, which no parameter changes.
         start = replace(state, sensitivity=nothing_varies(state, count)) if count else state
         result[count] = cpu_time(
-            lambda s=start, p=PARAMETERS[:count]: integrate(
-                model, boundary, s, imposed, stamps, p, flat=not spatial
+            lambda s=start, p=PARAMETERS[:count]: _followed(
+                model, boundary, s, imposed, stamps, p, spatial=spatial
             ),
             BLOCK,
         )

@@ -147,7 +147,8 @@ def test_a_forecast_in_one_go_is_the_same_as_stamp_by_stamp():
         one = single.advance(stamp)
         assert one.stamp == prediction.stamp == stamp
         np.testing.assert_allclose(one.control_points, prediction.control_points, atol=1e-9)
-        np.testing.assert_allclose(one.sensitivity, prediction.sensitivity, atol=1e-7)
+        # Every call begins without knowing the pace of Newton's method.
+        np.testing.assert_allclose(one.sensitivity, prediction.sensitivity, atol=1e-6)
 
 
 def test_a_live_simulation_holds_and_recovers(caplog):
