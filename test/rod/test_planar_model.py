@@ -146,9 +146,10 @@ def test_a_forecast_in_one_go_is_the_same_as_stamp_by_stamp():
     for stamp, prediction in zip(stamps, at_once, strict=True):
         one = single.advance(stamp)
         assert one.stamp == prediction.stamp == stamp
-        np.testing.assert_allclose(one.control_points, prediction.control_points, atol=1e-9)
-        # Every call begins without knowing the pace of Newton's method.
-        np.testing.assert_allclose(one.sensitivity, prediction.sensitivity, atol=1e-6)
+        # Every call begins without knowing the pace of Newton's method, which leaves a thousandth of
+        # the tolerance, 8e-5 m.
+        np.testing.assert_allclose(one.control_points, prediction.control_points, atol=8e-8)
+        np.testing.assert_allclose(one.sensitivity, prediction.sensitivity, atol=2e-6)
 
 
 def test_a_live_simulation_holds_and_recovers(caplog):
