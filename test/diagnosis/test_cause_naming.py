@@ -12,7 +12,7 @@ from rods import PAPER
 from dlo_ros.diagnosis.explain import cause_naming, cause_search
 from dlo_ros.diagnosis.explain.certainty import SCALES, certain, strains
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation
-from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of
+from dlo_ros.diagnosis.proposals.linear_evidence import freed, proposal_of
 from dlo_ros.effects import Start
 from dlo_ros.inference.joint import borrowed
 from dlo_ros.inference.parameter import ParametricModel
@@ -149,7 +149,7 @@ def test_what_may_or_may_not_act_does_not_stand_for_what_does(monkeypatch, loss,
     monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, wholly: 0.0)
     monkeypatch.setattr(cause_naming, "without", without)
     search = cause_search.Search(both, causes, (), None)
-    found, bares, shifts = cause_naming.without_needless(search, (), starts)
+    found, bares, shifts = cause_naming.without_needless(search, (), starts, complete=True)
     # Without the creep the damping is needed; with it, either of them is enough.
     assert [c.effect for c in found.causes] == (["creep"] if kept else ["damping"])
     assert found.at is (creep if kept else damping)
@@ -157,6 +157,57 @@ def test_what_may_or_may_not_act_does_not_stand_for_what_does(monkeypatch, loss,
     assert set(bares) <= {c.label for c in found.causes}
     assert all(bare.posterior.evidence < found.at.posterior.evidence for bare in bares.values())
     assert shifts == pytest.approx({"damping": 0.0} if kept else {"creep": np.log(2.0)})
+
+
+@pytest.mark.parametrize(
+    ("near", "complete", "kept"),
+    [
+        # Beside a law that nobody knows, evidence alone keeps nothing in the model.
+        ({"damping": 1.05e-3, "creep": 1.05e-3}, False, []),
+        ({"damping": 1.05e-3, "creep": 1.5e-3}, False, ["creep"]),
+        ({"damping": 1.5e-3, "creep": 1.5e-3}, False, ["creep", "damping"]),
+        ({"damping": 1.05e-3, "creep": 1.05e-3}, True, ["creep", "damping"]),
+    ],
+)
+def test_in_a_wrong_model_only_what_brings_it_nearer_is_kept(monkeypatch, near, complete, kept):
+    start = Start("creep", {"size": 0.0}, ("size",), ("size",))
+    creep = SimpleNamespace(effect="creep", label="creep", start=start)
+    damping = SimpleNamespace(effect="damping", label="damping", start=None)
+    tried = []
+
+    def model(evidence, err, groups):
+        found = evaluation(evidence, err)
+        found.model = SimpleNamespace(settings=PAPER)
+        found.groups = groups
+        return found
+
+    def without(at, group, _, wholly):
+        tried.append(group.label)
+        left = [g for g in at.groups if g != group.label]
+        return model(at.posterior.evidence - 60.0, near[group.label], left)
+
+    monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, wholly: 60.0)
+    monkeypatch.setattr(cause_naming, "without", without)
+    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
+    monkeypatch.setattr(cause_naming, "_guessed_dampings", lambda _: [damping])
+    both = model(100.0, 1e-3, ["creep", "damping"])
+    search = cause_search.Search(both, (creep,), (), None)
+    found, bares, shifts = cause_naming.without_needless(search, (), [start], complete=complete)
+    assert found.at.groups == kept and [c.effect for c in found.causes] == kept[:1]
+    assert tried == ([] if complete else ["damping", "creep"])
+    assert set(shifts) == {"creep", "damping"} - set(kept)
+    assert all(label in kept for label in bares)
+
+
+def test_a_damping_that_is_left_out_has_its_guess_and_keeps_it():
+    at, recordings = fitted_set_up()
+    (damping,) = [g for g in freed(at.model) if g.effect == "internal_damping"]
+    guess = damping.parameters[0].outer(damping.parameters[0].centre)
+    assert at.model.settings.damping.relaxation_time != pytest.approx(guess)
+    bare = cause_search.without(at, damping, recordings, wholly=True)
+    assert bare is not None and "relaxation_time" not in bare.model.names
+    assert bare.model.settings.damping.relaxation_time == pytest.approx(guess)
+    assert set(bare.model.names) == set(at.model.names) - {"relaxation_time"}
 
 
 def test_a_set_up_is_strained_where_it_leaves_its_tolerance_without_a_cause():

@@ -20,7 +20,7 @@ from dlo_ros.diagnosis.explain.cause_search import (
 )
 from dlo_ros.diagnosis.explain.certainty import SCALES, beyond, certain, is_beyond, strains
 from dlo_ros.diagnosis.explain.contact_trials import Rivals
-from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Start
 from dlo_ros.effects.start import Block
 from dlo_ros.inference.joint import Evaluation
@@ -84,12 +84,20 @@ def _needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[S
 
 
 def without_needless(
-    found: Search, recordings: Sequence[Recording], begun: Sequence[Start]
+    found: Search, recordings: Sequence[Recording], begun: Sequence[Start], *, complete: bool
 ) -> tuple[Search, Bares, dict[str, float]]:
     """The result without added effects that the data do not show for certain.
 
     Beside an effect that may or may not act, another one of which the data are certain would not be
     needed either, where each can do the other's work: neither would be named.
+
+    Where something is left unexplained, evidence is that of a wrong model: it is raised by whatever
+    mends that model's laws a little in these manipulations, and in others that makes matters worse.
+    There only what brings the model nearer to the shapes is kept, and a damping has its guess again
+    where the added effects do without another one, before these are tried.
+
+    Args:
+        complete: whether nothing is left unexplained.
 
     Returns:
         The result, fits of it without single causes as far as they were made, and the change of
@@ -97,17 +105,35 @@ def without_needless(
     """
     at, causes, shifts = found.at, found.causes, {}
     bares: Bares = {}
-    for cause in reversed(found.causes):
-        if cause.start is None or linear_loss(at, cause, wholly=True) > INDISPENSABLE:
+    added = [c for c in reversed(found.causes) if c.start is not None]
+    for group in added if complete else [*_guessed_dampings(at), *added]:
+        if complete and linear_loss(at, group, wholly=True) > INDISPENSABLE:
             continue
-        bare = without(at, cause, recordings, wholly=True)
-        if bare is None or _needed(at, bare, cause, begun):
-            bares[cause.label] = bare
+        bare = without(at, group, recordings, wholly=True)
+        needed = bare is None or _needed(at, bare, group, begun)
+        if bare is None or (needed and (complete or _nearer(at, bare, recordings))):
+            bares[group.label] = bare
             continue
-        shifts[cause.effect] = _log_ratio(bare) - _log_ratio(at)
-        at, causes = bare, tuple(c for c in causes if c is not cause)
+        LOG.info("left out: %s", group.label)
+        shifts[group.effect] = _log_ratio(bare) - _log_ratio(at)
+        at, causes = bare, tuple(c for c in causes if c is not group)
         bares = {}
     return replace(found, at=at, causes=causes), bares, shifts
+
+
+def _guessed_dampings(at: Evaluation) -> list[Proposal]:
+    """Dampings that the parameter file only guesses."""
+    return [g for g in freed(at.model) if all(p.guessed for p in g.parameters)]
+
+
+def _nearer(at: Evaluation, bare: Evaluation, recordings: Sequence[Recording]) -> bool:
+    """Whether a model can come nearer to the shapes than one without a cause, by a share that
+    counts.
+
+    Correlated errors let fits drift from the shapes, by more than a cause may take away.
+    """
+    here, there = (approached(e, recordings).mean_err for e in (at, bare))
+    return here <= (1.0 - LOWERS) * there
 
 
 def named(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -119,8 +119,7 @@ def search(
         known |= dropped
         number = len(causes) + 1
         if first is not None and _settles(first, recordings, enough):
-            gain = first[0].posterior.evidence - at.posterior.evidence
-            trace.append(Step(number, first[1].label, gain, first[0].mean_err, "added"))
+            trace.append(_compared(number, first, at, "added"))
             _tell(trace[-1:])
             at, causes, first = first[0], [*causes, first[1]], None
             continue
@@ -133,10 +132,9 @@ def search(
             least = (1.0 - LOWERS) * approached(at, recordings).mean_err
         found, steps = best_trial(number, at, offers, recordings, least)
         if first is not None:
-            gain = first[0].posterior.evidence - at.posterior.evidence
             found = best_gain([first, *([found] if found else [])], at)
             outcome = "added" if found is first else "fitted, but another gains more"
-            steps.append(Step(number, first[1].label, gain, first[0].mean_err, outcome))
+            steps.append(_compared(number, first, at, outcome))
             first = None
         trace += steps
         _tell(steps)
@@ -260,6 +258,12 @@ def _beside_neutral(at: Evaluation, model: ParametricModel, group: Proposal) -> 
     return model.at(model.theta() + step)
 
 
+def _compared(number: int, trial: Trial, at: Evaluation, outcome: str) -> Step:
+    """A line of the trace: a fit with a cause beside one without it."""
+    gain = trial[0].posterior.evidence - at.posterior.evidence
+    return Step(number, trial[1].label, gain, trial[0].mean_err, outcome)
+
+
 def _tell(steps: Sequence[Step]) -> None:
     """The candidates of a step, in the log."""
     for s in steps:
@@ -310,14 +314,14 @@ def without(
 
 
 def _neutral(model: ParametricModel, cause: Proposal) -> ParametricModel:
-    """The model without a cause; a damping goes back to the parameter file's value."""
+    """The model without a cause; a damping has the parameter file's value again, and keeps it."""
     names = [p.name for p in cause.parameters if p.effect]
-    kept = [p.held() for p in cause.parameters if not p.effect]
-    model = model.with_prior(kept)
+    guessed = {p.name: p for p in cause.parameters if not p.effect}
     theta = model.theta()
-    for p in kept:
-        theta[model.index(p.name)] = p.centre
-    return model.at(theta).without(names)
+    for name, p in guessed.items():
+        theta[model.index(name)] = p.centre
+    model = model.at(theta).without(names)
+    return replace(model, parameters=tuple(p for p in model.parameters if p.name not in guessed))
 
 
 def offered(at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start]) -> Offer:

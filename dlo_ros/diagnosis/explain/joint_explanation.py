@@ -195,8 +195,11 @@ def _concluded(
 ) -> Explanation:  # fmt: skip
     """What a search has found, without what is not needed, and with the names of its causes."""
     recordings, begun = prepared.recordings, starts(prepared.scene)
-    found, bares, pruned = without_needless(found, recordings, begun)
+    complete = found.at.mean_err < material_err(own_err(found.at, recordings), given)
+    found, bares, pruned = without_needless(found, recordings, begun, complete=complete)
     found, setup = _one_minimum(found, setup)
+    if not complete and not found.causes:  # it may be another minimum, with dampings far off
+        found, _, _ = without_needless(found, recordings, begun, complete=False)
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     material = material_err(own, given)
