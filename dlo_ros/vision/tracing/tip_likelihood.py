@@ -40,15 +40,19 @@ class Tip:
         at: places, in profiles of the course (with fractions, beyond its ends too), shape (m,).
         likelihood: log likelihood of the end lying there, up to a constant, shape (m,).
         visible: the outermost profile that looks like the DLO itself.
+        compared: whether the DLO's own cross-section is known, so that the picture tells anything.
     """
 
     at: FloatArray
     likelihood: FloatArray
     visible: float
+    compared: bool = True
 
     @property
     def innermost(self) -> float:
         """The innermost place that is about as likely as any, in profiles."""
+        if not self.compared:
+            return self.visible
         likely = self.likelihood > self.likelihood.max() - ABOUT
         return float(self.at[int(np.argmax(likely))])
 
@@ -119,8 +123,10 @@ def find_tip(
     own = provisional - sign * np.arange(TEMPLATE[0], TEMPLATE[1], FINE) * per_width
     own = own[(own >= 0.0) & (own <= count - 1.0)]
     own = own[located.seen[np.rint(own).astype(np.int64)]]
-    if len(own) < FEWEST_SECTIONS:
-        return Tip(np.array([provisional]), np.zeros(1), provisional)
+    outside = edge + sign * np.arange(step, beyond, step)
+    if len(own) < FEWEST_SECTIONS:  # nothing to compare with: the end may be anywhere
+        places = np.concatenate([at, outside])
+        return Tip(places, np.zeros(len(places)), provisional, compared=False)
     sections = Sections.of(_strip(image, course, normals, own, offsets), offsets, width)
     strip = _strip(image, course, normals, at, offsets)
     visible, ended = sections.odds(strip)
@@ -130,7 +136,6 @@ def find_tip(
     pictured = inside(image, course[here])
     visible, ended = np.where(pictured, visible, 0.0), np.where(pictured, ended, 0.0)
     weight = step / (INDEPENDENT * per_width)
-    outside = edge + sign * np.arange(step, beyond, step)
     nothing = np.zeros(len(outside))
     likelihood = ends(
         np.concatenate([weight * visible, nothing]),
