@@ -28,6 +28,10 @@ FEWEST_SECTIONS = 10  # of a template
 INDEPENDENT = 0.2  # [widths] along the DLO over which cross-sections err alike
 ABOUT = 1.0  # log likelihood that is no difference
 FINE = 0.1  # [widths] distance of the cross-sections
+COURSE_REACH = 3.0
+"""Distance from the outermost place where the DLO was seen, up to which its course is known to half
+its width [widths]: over that a curvature that changes by 1 / (10 widths) turns it aside by as much.
+"""
 EDGES = 1.0  # edges of other things that cross a DLO, in 100 widths of its length
 EDGE = math.log(EDGES * FINE / 100.0)  # log odds that one of them lies at a certain cross-section
 
@@ -134,13 +138,19 @@ def find_tip(
     if located.excluded is not None:
         visible = np.where(located.excluded[here], LEAST_ODDS, visible)
     pictured = inside(image, course[here])
-    visible, ended = np.where(pictured, visible, 0.0), np.where(pictured, ended, 0.0)
+    # Far from where the DLO was seen the bare board may lie beside it.
+    seen = np.flatnonzero(located.seen)
+    outermost_seen = seen[0] if from_start else seen[-1]
+    on_course = sign * (at - outermost_seen) < COURSE_REACH * per_width
+    visible = np.where(pictured, visible, 0.0)
+    ended = np.where(pictured & on_course, ended, 0.0)
     weight = step / (INDEPENDENT * per_width)
     nothing = np.zeros(len(outside))
     likelihood = ends(
         np.concatenate([weight * visible, nothing]),
         np.concatenate([weight * ended, nothing]),
         EDGE,
+        bool(located.seen[here[0]]),
     )
     # An end that lies just where the edge of something else runs would do so by chance.
     crossed = sections.crossed(strip, offsets, width, step / per_width)
@@ -163,16 +173,20 @@ def _strip(
 
 
 @njit()
-def ends(visible: FloatArray, ended: FloatArray, edge: float) -> FloatArray:
+def ends(
+    visible: FloatArray, ended: FloatArray, edge: float, seen_before: bool
+) -> FloatArray:
     """Log likelihood of the end lying before each cross-section, shape (m,).
 
     Args:
         visible, ended: log odds of each cross-section if the DLO is seen there, or has ended.
         edge: log odds of something's edge lying there, which hides the DLO or shows it again.
+        seen_before: whether the DLO was seen before the first cross-section; else it is as likely
+            to be hidden there.
     """
     count = len(visible)
     result = np.empty(count)
-    seen, hidden = 0.0, -1e9
+    seen, hidden = 0.0, -1e9 if seen_before else 0.0
     for k in range(count):
         result[k] = max(seen, hidden) + math.log1p(math.exp(-abs(seen - hidden)))
         back = hidden + edge
