@@ -20,6 +20,7 @@ LENGTH_LIMITS = ((0.03, 0.03), (0.1, 0.05), (0.12, 0.12))
 """By how much of L what is seen may be too short or too long where no end, one or both are held. A
 DLO that is held at one end and seen short is one whose other end is hidden."""
 WIDEST = 1.35  # diameters that a DLO may look wide, where the file's diameter is 12 % too small
+NARROWEST = 1.0 / WIDEST  # diameters: what looks narrower is a strip of the DLO or of its shadow
 FAINT = 60.0  # [grey levels] a DLO of less contrast may not differ from its own shadow,
 WIDEST_FAINT = 1.16  # so that this is the limit: with its shadow it looks at least 1.17 wide
 TRACKING_LENGTH_LIMIT = 0.03  # of the length at the last frame
@@ -61,6 +62,11 @@ def check(
         raise VisionError(
             f"what looks like the DLO is {1000 * fit.width:.3g} mm wide, rod.diameter is "
             f"{1000 * diameter:.3g} mm; its shadow may have been taken for it"
+        )
+    if fit.width < diameter * NARROWEST:
+        raise VisionError(
+            f"what looks like the DLO is {1000 * fit.width:.3g} mm wide, rod.diameter is "
+            f"{1000 * diameter:.3g} mm; a part of it or its shadow may have been taken for it"
         )
     if fit.fraction_seen < LEAST_SEEN:
         raise IncompleteError(

@@ -173,9 +173,7 @@ def _strip(
 
 
 @njit()
-def ends(
-    visible: FloatArray, ended: FloatArray, edge: float, seen_before: bool
-) -> FloatArray:
+def ends(visible: FloatArray, ended: FloatArray, edge: float, seen_before: bool) -> FloatArray:
     """Log likelihood of the end lying before each cross-section, shape (m,).
 
     Args:
