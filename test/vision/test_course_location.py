@@ -76,3 +76,9 @@ def test_the_std_contains_edges_that_change_over_to_a_shadow():
     verdict = judge(800024, "dark", "start")
     assert verdict.found == "right"
     assert verdict.across < 1.5  # 3.0 without it
+
+
+def test_a_strip_of_the_rope_or_of_its_shadow_is_not_the_rope():
+    verdict = judge(902005, "dark", "both")  # the dark flank beside a highlight, 6 of 10 px wide
+    assert verdict.found == "right" or "a part of it" in verdict.reason
+    assert judge(902042, "dark", "both").found == "right"  # the shadow, 8 px beside it
