@@ -108,10 +108,9 @@ class Sections:
         left, right = changes
         result = np.zeros(count, dtype=np.bool_)
         slant = round(SLANT / step)
-        for d in range(-slant, slant + 1):  # the edge may run askew
-            a, b = index + d, index - d
-            inside = (np.minimum(a, b) >= 0) & (np.maximum(a, b) < count)
-            result[inside] |= left[a[inside]] & right[b[inside]]
+        for d in range(min(slant, (count - 1) // 2) + 1):  # the edge may run askew
+            inner, outer, inwards = slice(d, count - d), slice(2 * d, count), slice(count - 2 * d)
+            result[inner] |= (left[outer] & right[inwards]) | (left[inwards] & right[outer])
         return result
 
     def odds(self, strip: Float32) -> tuple[FloatArray, FloatArray]:

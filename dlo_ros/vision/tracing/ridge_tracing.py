@@ -69,7 +69,10 @@ def find_chains(bars: RidgeMap) -> list[Chain]:
     if len(rows) == 0:
         return []
     strength = bars.strength[rows, columns]
-    order = np.argsort(-strength, kind="stable")
+    # Positive floats are ordered as their bits are. Whole keys are sorted faster than an index is,
+    # and the place in their lower half keeps equal ones in order.
+    keys = strength.view(np.uint32).astype(np.int64) << 32
+    order = np.sort(np.arange(len(rows)) - keys) & 0xFFFFFFFF
     index = np.full(bars.strength.shape, -1, dtype=np.int32)
     index[rows, columns] = np.arange(len(rows), dtype=np.int32)
     angles = bars.orientation[rows, columns].astype(np.float64) * (math.pi / ORIENTATIONS)
@@ -233,15 +236,24 @@ def _ridge(
     columns = np.empty(height * width, dtype=np.int64)
     offsets = np.empty((height * width, 2))
     count = 0
+    # Pixels (x, y) at whole distances along the normal of each orientation.
+    normals = np.empty((ORIENTATIONS, reach + 1, 2), dtype=np.int64)
+    neighbours = np.zeros((ORIENTATIONS, 2), dtype=np.int64)
+    for k in range(ORIENTATIONS):
+        angle = k * math.pi / ORIENTATIONS
+        normal = (-math.sin(angle), math.cos(angle))
+        for axis in range(2):
+            if abs(normal[axis]) > 0.3827:
+                neighbours[k, axis] = 1 if normal[axis] > 0.0 else -1
+            for step in range(reach + 1):
+                normals[k, step, axis] = round(step * normal[axis])
     for y in range(1, height - 1):
         for x in range(1, width - 1):
             value = strength[y, x]
             if value <= 0.0:
                 continue
-            angle = orientation[y, x] * math.pi / ORIENTATIONS
-            nx, ny = -math.sin(angle), math.cos(angle)
-            dx = 1 if nx > 0.3827 else (-1 if nx < -0.3827 else 0)
-            dy = 1 if ny > 0.3827 else (-1 if ny < -0.3827 else 0)
+            normal_at = normals[orientation[y, x]]
+            dx, dy = neighbours[orientation[y, x], 0], neighbours[orientation[y, x], 1]
             ahead = strength[y + dy, x + dx]
             behind = strength[y - dy, x - dx]
             if value < ahead or value <= behind:
@@ -249,8 +261,8 @@ def _ridge(
             # A line goes on, at least to one side; a spot does not.
             goes_on = False
             for sign in (-1, 1):
-                yy = y + round(sign * reach * nx)
-                xx = x - round(sign * reach * ny)
+                yy = y + sign * normal_at[reach, 0]
+                xx = x - sign * normal_at[reach, 1]
                 if 0 <= yy < height and 0 <= xx < width and strength[yy, xx] > GOES_ON * value:
                     goes_on = True
             if not goes_on:
@@ -259,10 +271,12 @@ def _ridge(
             beside = False
             for step in range(2, reach + 1):
                 for sign in (-1, 1):
-                    yy = y + round(sign * step * ny)
-                    xx = x + round(sign * step * nx)
+                    yy = y + sign * normal_at[step, 1]
+                    xx = x + sign * normal_at[step, 0]
                     if 0 <= yy < height and 0 <= xx < width and strength[yy, xx] > 2.0 * value:
                         beside = True
+                if beside:
+                    break
             if beside:
                 continue
             shift = 0.5 * (ahead - behind) / max(2.0 * value - ahead - behind, 1e-6)

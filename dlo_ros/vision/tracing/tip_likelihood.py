@@ -90,8 +90,8 @@ def continued(
     x = index - index[used].mean()
     result = course.copy()
     replaced = inwards < window[0]
-    for k in (0, 1):
-        result[replaced, k] = np.polyval(np.polyfit(x[used], course[used, k], 2), x[replaced])
+    bend, slope, middle = np.polyfit(x[used], course[used], 2)
+    result[replaced] = (x[replaced, None] * bend + slope) * x[replaced, None] + middle
     return result
 
 
