@@ -289,13 +289,7 @@ class Observer:
             assert first is not None
             rough = RoughDetection(first.colour, first.contrast, width, first.known_width, tones)
             known = self._from_start(result.pixels, ends, before)
-            found, earlier = self._found, result
             result = self._measure(stamp, image, ends, known, result.width, rough, final=False)
-            assert found is not None and self._found is not None
-            if self._found[0].length_in_view < found[0].length_in_view - found[0].width:
-                # The course strayed from the DLO: the earlier one holds.
-                result, self._last, self._found = earlier, first, found
-                break
             moved = np.hypot(*(result.pixels[[0, -1]] - known[[0, -1]]).T)
             if np.max(moved) < 0.5 * result.width:
                 break

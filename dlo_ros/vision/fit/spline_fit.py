@@ -71,11 +71,6 @@ class SplineFit:
     width: float
     visible_length: float
 
-    @property
-    def length_in_view(self) -> float:
-        """Length along which the DLO was seen, without its hidden parts [m]."""
-        return self.fraction_seen * self.seen_length
-
 
 def fit_spline(
     located: Located,
