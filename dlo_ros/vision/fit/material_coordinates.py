@@ -26,7 +26,6 @@ ROUGH_LENGTH_STD = 0.03  # the same where the grip slipped or the camera was mov
 ROUGH_SHARE = 0.03  # which happens in so many set-ups
 TIP_STD = 0.08  # [widths] systematic error of a clearly seen end: it is cut askew, frayed, rounded
 UNEVEN_STD = 0.002  # of the arc length: errors of scale are not quite the same all along
-NEGLIGIBLE = 40.0  # log likelihood by which a place is so unlikely that it adds nothing
 GAP_STD = 0.1  # relative error of the length of a bridge
 CONTINUED = ((1.5, 6.0), (0.4, 4.0))
 """Distances from a found end between which the part lies that predicts the course there [widths]:
@@ -122,13 +121,6 @@ def locate_ends(
     at = [held[k] if tip is None else tip.at for k, tip in enumerate(tips)]
     odds = [np.zeros(1) if tip is None else tip.likelihood for tip in tips]
     s = [_arc_at(arc, a) for a in at]
-    best = [int(np.argmax(o)) for o in odds]
-    apart = s[1][best[1]] - s[0][best[0]]
-    # No length is likelier than L, so the others are no likelier than the best by so much.
-    less = length_log_likelihood(np.array([apart, length]), length, length_std) @ [-1.0, 1.0]
-    for k in (0, 1):
-        kept = odds[k] > odds[k][best[k]] - less - NEGLIGIBLE
-        at[k], odds[k], s[k] = at[k][kept], odds[k][kept], s[k][kept]
     seen = s[1][None, :] - s[0][:, None]
     prior = length_log_likelihood(seen, length, length_std)
     posterior = odds[0][:, None] + odds[1][None, :] + prior

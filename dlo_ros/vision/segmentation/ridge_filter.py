@@ -109,8 +109,9 @@ def _search_run(
         _sides(planes, y, x, dy, dx, left, right, product)
         dy, dx = across[k + half, 0], across[k + half, 1]
         _sides(planes, y, x, dy, dx, ahead, behind, other)
-        _keep_best(best, which, np.int8(k), left, right, product, ahead, behind, least)
-        _keep_best(best, which, np.int8(k + half), ahead, behind, other, left, right, least)
+        _keep_best(
+            best, which, k, k + half, left, right, product, ahead, behind, other, np.float32(least)
+        )
     if not tones:
         return
     weakest = squares[6, :count]
@@ -178,19 +179,32 @@ def _keep_best(
     best: Float32,
     which: NDArray[np.int8],
     k: int,
+    other_k: int,
     left: Float32,
     right: Float32,
     product: Float32,
     ahead: Float32,
     behind: Float32,
+    other: Float32,
     least: float,
 ) -> None:
-    """Contrast to the weaker side less the change along, where it beats the other orientations."""
+    """Contrast to the weaker side less the change along, where it beats the other orientations.
+
+    Two orientations at right angles, of which each one's sides lie ahead of and behind the other.
+    """
+    half = np.float32(0.5)
     for i in range(len(best)):
-        smaller = min(left[i], right[i])
-        contrast = np.sqrt(smaller)
-        value = contrast - np.float32(0.5) * (np.sqrt(ahead[i]) + np.sqrt(behind[i]))
+        weaker, weaker_along = min(left[i], right[i]), min(ahead[i], behind[i])
+        to_left, to_right = np.sqrt(left[i]), np.sqrt(right[i])
+        before, after = np.sqrt(ahead[i]), np.sqrt(behind[i])
+        contrast, along = min(to_left, to_right), min(before, after)
+        value, value_along = contrast - half * (before + after), along - half * (to_left + to_right)
         edge = _opposite(left[i], right[i], product[i])
-        if value > max(best[i], np.float32(ALIKE) * contrast) and smaller >= least and not edge:
-            best[i] = value
-            which[i] = k
+        edge_along = _opposite(ahead[i], behind[i], other[i])
+        strength, found = best[i], which[i]
+        if value > max(strength, np.float32(ALIKE) * contrast) and weaker >= least and not edge:
+            strength, found = value, np.int8(k)
+        better = value_along > max(strength, np.float32(ALIKE) * along)
+        if better and weaker_along >= least and not edge_along:
+            strength, found = value_along, np.int8(other_k)
+        best[i], which[i] = strength, found
