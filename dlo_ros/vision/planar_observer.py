@@ -67,6 +67,7 @@ from dlo_ros.vision.tracing.occlusion_bridges import check_bridges
 from dlo_ros.vision.tracing.reachable_region import reach, spread
 from dlo_ros.vision.tracing.ridge_snapping import follow
 from dlo_ros.vision.tracing.ridge_tracing import find_chains
+from dlo_ros.vision.tracing.strip_change import check_strips
 
 LOG = logging.getLogger(__name__)
 
@@ -296,6 +297,7 @@ class Observer:
         assert self._found is not None
         check(*self._found, ends, self.camera, self.basis.length, self.settings.rod.diameter)
         check_bridges(image, result.pixels, result.pixels_seen, result.width)
+        check_strips(image, result.pixels, result.pixels_seen, result.width, result.contrast)
         return result
 
     def _from_start(
@@ -373,6 +375,7 @@ class Observer:
         pixels = self._project(fit.curve)
         if final:
             check_bridges(image, pixels, fit.curve_seen, located.width)
+            check_strips(image, pixels, fit.curve_seen, located.width, located.contrast)
         self._remember(stamp, fit, located, ends)
         return VisionResult.of(fit, located, pixels, tracked=last is not None)
 
