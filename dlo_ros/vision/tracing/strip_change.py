@@ -25,6 +25,7 @@ from dlo_ros.vision.segmentation.picture_strip import (
 from dlo_ros.vision.segmentation.ridge_map import Image
 
 SHORTEST = 2.0  # [widths] of a part that shows what lies beside it
+STEP = 0.5  # [widths] between cross-sections, of whose colours the median is taken
 BESIDE = 0.8
 """Distance of the middle of the strip beside the DLO [widths]: shadows are about as wide as the DLO
 and partly below it."""
@@ -56,12 +57,14 @@ def check_strips(
     if len(runs) < 2:
         return
     normals = normals_of(smooth_curve(pixels, width / spacing))
+    step = max(1, round(STEP * width / spacing))
     inner = width * np.linspace(-CORE, CORE, 5)
     outer = width * np.linspace(-NARROW, NARROW, 3)
     offsets = np.concatenate([inner, BESIDE * width + outer, -BESIDE * width + outer])
     colours = []  # of each part's middle and both sides, shape (3, 3)
     for first, last in runs:
-        strip = np.median(strip_along(image, pixels[first:last], normals[first:last], offsets), 0)
+        some = slice(first, last, step)
+        strip = np.median(strip_along(image, pixels[some], normals[some], offsets), axis=0)
         colours.append(np.array([part.mean(axis=0) for part in np.split(strip, [5, 8])]))
     for before, after in pairwise(colours):
         change = float(np.linalg.norm(before[0] - after[0]))
