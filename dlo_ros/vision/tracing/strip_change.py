@@ -19,7 +19,6 @@ from dlo_ros.vision.segmentation.picture_strip import (
     CORE,
     Mask,
     normals_of,
-    smooth_curve,
     strip_along,
 )
 from dlo_ros.vision.segmentation.ridge_map import Image
@@ -52,18 +51,20 @@ def check_strips(
     if seen.all():
         return
     spacing = float(np.median(np.hypot(*np.diff(pixels, axis=0).T)))
+    step = max(1, round(STEP * width / spacing))
+    pixels, seen = pixels[::step], seen[::step]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8)))
-    runs = [run for run in edges.reshape(-1, 2) if np.ptp(run) * spacing > SHORTEST * width]
+    least = SHORTEST * width / (spacing * step)
+    runs = [run for run in edges.reshape(-1, 2) if run[1] - run[0] > least]
     if len(runs) < 2:
         return
-    normals = normals_of(smooth_curve(pixels, width / spacing))
-    step = max(1, round(STEP * width / spacing))
+    normals = normals_of(pixels)
     inner = width * np.linspace(-CORE, CORE, 5)
     outer = width * np.linspace(-NARROW, NARROW, 3)
     offsets = np.concatenate([inner, BESIDE * width + outer, -BESIDE * width + outer])
     colours = []  # of each part's middle and both sides, shape (3, 3)
     for first, last in runs:
-        some = slice(first, last, step)
+        some = slice(first, last)
         strip = np.median(strip_along(image, pixels[some], normals[some], offsets), axis=0)
         colours.append(np.array([part.mean(axis=0) for part in np.split(strip, [5, 8])]))
     for before, after in pairwise(colours):
