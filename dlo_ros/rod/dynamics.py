@@ -5,7 +5,8 @@ The equations M q'' + C q' + elastic forces = loads (paper, eq. (9)) hold exactl
 every step; the generalised-alpha method relates q'' to an auxiliary acceleration. The strain rate
 is a second-order backward difference, so a step minimises an incremental potential: the elastic
 energy with another stiffness and other rest strains. The compiled steps are in
-`adaptive_integration`, and for batches of rods in `batch.simd_integration`.
+`batch.simd_integration` for rods that vector lanes know, one or many, with or without
+sensitivities, and in `adaptive_integration` for all others.
 """
 
 from __future__ import annotations
@@ -85,7 +86,16 @@ def _in_lanes(
     flat: bool,
     speeds: bool,
 ) -> Track | None:
-    """The same by the vectorised engine; None where that cannot be done with sensitivities."""
+    """The motion by the vectorised engine; None where it does not know the sensitivities.
+
+    Args:
+        flat: whether the rod stays in the plane y = 0.
+        speeds: whether the velocities are wanted; with parameters they are given anyway.
+        The others: see `follow`.
+
+    Raises:
+        SimulationError, CommandError: see `follow`.
+    """
     sets, lanes = sets_of(model, boundary), None
     if parameters:
         rod = compiled(model, boundary, command, parameters, flat=flat)
@@ -99,15 +109,15 @@ def _in_lanes(
     if tracks.failures:
         raise SimulationError(tracks.failures[0])
     shapes, end = tracks.shapes[0], tracks.state(0)
-    still = tracks.speeds[0] if tracks.speeds.shape[1] else np.zeros_like(shapes)
+    velocities = tracks.speeds[0] if tracks.speeds.shape[1] else np.zeros_like(shapes)
     twists = np.zeros((0, 0)) if flat else tracks.twists[0]
     if lanes is None or tracks.derivatives is None:
         none = np.zeros((len(stamps), 0, *state.q.shape))
-        return Track(end, shapes, still, twists, none, tracks.steps[0])
-    if 0 in tracks.ends.alone:  # without sensitivities
+        return Track(end, shapes, velocities, twists, none, tracks.steps[0])
+    if 0 in tracks.ends.alone:  # the scalar engine has done it, without sensitivities
         return None
     end = replace(end, sensitivity=varying_in_space(lanes.end(), end.q))
-    return Track(end, shapes, still, twists, tracks.derivatives, tracks.steps[0])
+    return Track(end, shapes, velocities, twists, tracks.derivatives, tracks.steps[0])
 
 
 def in_lanes(model: RodModel, boundary: Boundary) -> bool:

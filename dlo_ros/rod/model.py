@@ -28,8 +28,9 @@ CONTACTS = 8  # points of a knot span at which contact is looked for, and one mo
 CONTACT_PENETRATION = 2e-6  # of L: how deep a contact gives way under all of the DLO's weight
 PRESLIDING_DISPLACEMENT = 3e-5  # of L: displacement at which friction acts fully
 INACTIVE = 9e5  # [1/m] curvatures that no DLO reaches
+# Spans and basis functions of the places where contact is looked for, where there are none.
+NO_CONTACT = np.zeros(0, np.int64), np.zeros((0, 4))
 # Properties that depend on basis and ends alone, and the commands that were imposed on such a rod.
-NO_CONTACT = np.zeros(0, np.int64), np.zeros((0, 4))  # places where contact is looked for
 DISCRETISATION = (
     "rule", "points", "gram", "basis_slope", "basis_curvature", "twist_fit", "imposed",
 )  # fmt: skip

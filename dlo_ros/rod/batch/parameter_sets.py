@@ -117,7 +117,7 @@ class ParameterSets:
         Args:
             states: one state for each set, all at the same instant.
             stamps: [ns], growing, none before the states'.
-            flat: whether all sets stay in the plane y = 0, where that is known.
+            flat: whether all sets stay in the plane y = 0; None: it is found out.
             speeds: whether the velocities at the stamps are wanted.
             sensitivities: derivatives that the only set carries along.
 
@@ -141,7 +141,7 @@ class ParameterSets:
         others = [] if alone else self._other_frames(states, frames, layout)
         frames = frames[layout.order[:, 0]]
         shapes = rows(len(clock), len(times), layout.place[1])
-        moving = rows(len(clock), len(times) if speeds else 0, layout.place[1])
+        velocities = rows(len(clock), len(times) if speeds else 0, layout.place[1])
         derivatives = rows(len(times), sensitivities.groups if sensitivities else 0,
                            layout.place[1])  # fmt: skip
         status = np.empty((len(clock), 2), np.int64)
@@ -150,24 +150,24 @@ class ParameterSets:
             layout.sets, layout.tables, self.boundary.imposed(command), frames, motion,
             layout.place, layout.room, clock, self.boundary.reach * lengthening, length, times,
             self._tolerance, max(NEWTON_SHARE * self._tolerance, ROUNDING * length),
-            sensitivities.variations if sensitivities else NO_PARAMETERS, shapes, moving, twists,
-            derivatives, status,
+            sensitivities.variations if sensitivities else NO_PARAMETERS, shapes, velocities,
+            twists, derivatives, status,
         )  # fmt: skip
         if np.any(status[:, 0] == NO_DIRECTION):
             raise CommandError(NO_DIRECTION_TEXT)
         count = len(states)
-        moved, faster, twisted = (
+        moved, speed, twisted = (
             x.transpose(0, 3, 1, 2).reshape(len(clock) * LANES, *x.shape[1:3])[:count]
-            for x in (shapes, moving, twists)
+            for x in (shapes, velocities, twists)
         )
-        moved, faster = (x.reshape(*x.shape[:2], n, layout.dof) for x in (moved, faster))
+        moved, speed = (x.reshape(*x.shape[:2], n, layout.dof) for x in (moved, speed))
         stamp = int(stamps[-1]) if len(stamps) else states[0].stamp
         directed = np.array([[self.boundary.clamped_start], [self.boundary.clamped_end]])
         ends = EndStates(
             self.models, tuple(states), layout.unpacked(motion), clock, frames, directed, stamp
         )
         tracks = Tracks(
-            expand(moved, states[0].q), expand(faster, states[0].q), twisted,
+            expand(moved, states[0].q), expand(speed, states[0].q), twisted,
             expand(sensitivities.derivatives(derivatives), states[0].q) if sensitivities else None,
             status[:, 1].repeat(LANES)[:count], {}, ends,
         )  # fmt: skip

@@ -169,7 +169,7 @@ def _add_span(q, tables, law, scratch, span, tension, first):
 
 @linked()
 def _add_group(q, tables, law, scratch, group, tension, first):
-    """Add a group of spans in lanes to gradient and Hessian, see `span_lanes`."""
+    """Add a group of spans in lanes to gradient and Hessian; rows: `span_lanes.work_rows`."""
     lanes = tables.together
     numbers, work, spans = lanes.numbers, lanes.work, min(LANES, lanes.size - LANES * group)
     own = BatchLaw(

@@ -41,8 +41,8 @@ def tables_of(rule: Quadrature, fixed: FloatArray, *, alone: bool = False) -> Ta
     """The tables of a quadrature.
 
     Args:
-        alone: whether all lanes hold the same rod.
         fixed: for each number of a control point 0 where it is free, `TARGET` or `KEPT`, (n, d).
+        alone: whether all lanes hold the same rod; then spans are assembled together.
     """
     spans = len(rule.weight) // 3
     free = np.flatnonzero(~fixed.all(axis=1))

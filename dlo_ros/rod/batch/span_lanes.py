@@ -44,6 +44,7 @@ def span_lanes(
     """The spans of one rod in lanes.
 
     Args:
+        rule: points and basis functions of all spans.
         products: see `simd_tables.Tables`.
         single: which spans are assembled by themselves, shape (spans,).
         dof: numbers of a control point.
@@ -66,7 +67,12 @@ def span_lanes(
 
 
 def work_rows(dof: int) -> int:
-    """Rows of `SpanLanes.work`: numbers of the rod, then gradient and stiffness."""
+    """Number of rows of `SpanLanes.work`, in the order in which kernels' `_add_group` has them.
+
+    They are those of a span's four control points, stretching stiffness and rest stretch, bending
+    stiffness and rest strains, tensions, tangents, in space the reference frame, then gradient and
+    Hessian of the span.
+    """
     if dof == 4:
         return 16 + 6 + 18 + 3 + 9 + 30 + 16 + 256
     return 8 + 6 + 6 + 3 + 6 + 8 + 64
