@@ -93,7 +93,7 @@ class SensitivityLanes:
         )  # fmt: skip
 
     def begin(self, state: State) -> None:
-        """Take the derivatives of a state."""
+        """Start from the derivatives that a state carries, by P parameters."""
         v = self._before = self._rod.mark(varying_of(state, flat=self._flat))
         bends = 1 if self._flat else 3
         parts = [v.q, v.velocity, v.acceleration, v.auxiliary, v.stretch, v.stretch_before,
@@ -106,11 +106,12 @@ class SensitivityLanes:
 
     def derivatives(self, lanes: FloatArray) -> FloatArray:
         """Derivatives of shapes (S, P, n, d), given the lanes (S, G, d n, LANES)."""
-        flat = lanes.transpose(0, 1, 3, 2).reshape(len(lanes), self.groups * LANES, -1)
-        return flat[:, : self.count].reshape(len(lanes), *self._before.q.shape)
+        stamps, groups, size = lanes.shape[:3]
+        flat = lanes.transpose(0, 1, 3, 2).reshape(stamps, groups * LANES, size)
+        return flat[:, : self.count].reshape(stamps, *self._before.q.shape)
 
     def end(self) -> SensitivityState:
-        """The derivatives of the state at the end, those of the shape (P, n, d)."""
+        """The derivatives of the state at the last stamp; those of its shape (P, n, d)."""
         changes = self.variations.changes.transpose(0, 2, 1).reshape(self.groups * LANES, -1)
         parts = [changes[: self.count, a:b].copy() for a, b in pairwise(self._place)]
         v = self._before
