@@ -93,15 +93,17 @@ def without_needless(
 
     Where something is left unexplained, evidence is that of a wrong model: it is raised by whatever
     mends that model's laws a little in these manipulations, and in others that makes matters worse.
-    There only what brings the model nearer to the shapes is kept, and a damping has its guess again
-    where the added effects do without another one, before these are tried.
+    There only what brings the model nearer to the shapes is kept. Guessed dampings are tried first:
+    one has its guess again where the model, with all added effects, does as well with the guess.
 
     Args:
+        found: what the search has found.
+        begun: beginnings of the effects that were offered to the search.
         complete: whether nothing is left unexplained.
 
     Returns:
         The result, fits of it without single causes as far as they were made, and the change of
-        ln(E / mu) without each effect that is left out.
+        ln(E / mu) without each effect or damping that is left out.
     """
     at, causes, shifts = found.at, found.causes, {}
     bares: Bares = {}
@@ -127,8 +129,7 @@ def _guessed_dampings(at: Evaluation) -> list[Proposal]:
 
 
 def _nearer(at: Evaluation, bare: Evaluation, recordings: Sequence[Recording]) -> bool:
-    """Whether a model can come nearer to the shapes than one without a cause, by a share that
-    counts.
+    """Whether a model can come nearer to the shapes than one without a cause, by a share LOWERS.
 
     Correlated errors let fits drift from the shapes, by more than a cause may take away.
     """
