@@ -46,7 +46,7 @@ def check_strips(
         contrast: contrast of the DLO to its background [grey levels].
 
     Raises:
-        VisionError: with the reason.
+        VisionError: two successive parts differ, and each has the colour of the other beside it.
     """
     if seen.all():
         return
@@ -62,11 +62,12 @@ def check_strips(
     inner = width * np.linspace(-CORE, CORE, 5)
     outer = width * np.linspace(-NARROW, NARROW, 3)
     offsets = np.concatenate([inner, BESIDE * width + outer, -BESIDE * width + outer])
+    sides = [len(inner), len(inner) + len(outer)]
     colours = []  # of each part's middle and both sides, shape (3, 3)
     for first, last in runs:
         some = slice(first, last)
         strip = np.median(strip_along(image, pixels[some], normals[some], offsets), axis=0)
-        colours.append(np.array([part.mean(axis=0) for part in np.split(strip, [5, 8])]))
+        colours.append(np.array([part.mean(axis=0) for part in np.split(strip, sides)]))
     for before, after in pairwise(colours):
         change = float(np.linalg.norm(before[0] - after[0]))
         if change > LEAST_CHANGE * contrast and all(
