@@ -98,6 +98,14 @@ def test_what_the_lanes_cannot_follow_the_scalar_engine_does(monkeypatch):
     np.testing.assert_array_equal(found.state.sensitivity.q, alone.state.sensitivity.q)
 
 
+@pytest.mark.parametrize("space", [False, True], ids=["plane", "space"])
+def test_a_motion_without_stamps_keeps_its_sensitivities(space):
+    model, boundary, state, imposed = moved(space=space)
+    found = dynamics.follow(model, boundary, state, imposed, [], NAMES)
+    assert found.derivatives.shape == (0, len(NAMES), *state.q.shape)
+    np.testing.assert_array_equal(found.state.sensitivity.q, state.sensitivity.q)
+
+
 def test_a_jump_fails_with_sensitivities_too():
     model, boundary, state, imposed = moved(space=False)
     jump = replace(imposed, positions=imposed.positions + np.array([30.0, 0.0, 0.0]))
