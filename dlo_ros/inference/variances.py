@@ -200,7 +200,8 @@ def fit_variances(
         # The likelihood is flat where a component is nearly zero.
         x0 = np.maximum(_packed(start), x0 + np.log(LEAST_START))
     bins, rows = joined(spectra), _rows(spectra)
-    bounds = _bounds(spectra, _missed(spectra, offset, precision), length)
+    least = (LEAST_NOISE * length) ** 2
+    bounds = _bounds(spectra, _missed(spectra, offset, precision, least), length)
 
     def cost(x: FloatArray) -> tuple[float, FloatArray]:
         value, slope = _cost(x, bins, rows, offset, precision)
@@ -277,13 +278,18 @@ def _parted(x: FloatArray, parts: int) -> tuple[FloatArray, float, FloatArray]:
     return np.exp(x[: -1 - parts]), float(memories[0]), memories[1:]
 
 
-def _missed(spectra: Sequence[Spectrum], offset: FloatArray, precision: FloatArray) -> list[float]:
+def _missed(
+    spectra: Sequence[Spectrum], offset: FloatArray, precision: FloatArray, least: float
+) -> list[float]:
     """Mean square by which the linearised model misses each recording across the DLO [m^2].
 
     That is where it fits best, along it, too.
+
+    Args:
+        least: smallest mean square that errors have [m^2].
     """
-    weight = sum(float(s.count.sum()) for s in spectra)
-    weight /= max(sum(float(s.sum_of_squares.sum()) for s in spectra), 1e-300)
+    count = sum(float(s.count.sum()) for s in spectra)
+    weight = count / max(sum(float(s.sum_of_squares.sum()) for s in spectra), least * count)
     hessians = [s.hessian.sum(axis=0) for s in spectra]
     gradients = [s.gradient.sum(axis=0) for s in spectra]
     lhs = np.diag(precision) + weight * np.sum(hessians, axis=0)
