@@ -9,9 +9,8 @@ import pytest
 from experiment_recordings import moving
 from rods import PAPER
 
-from dlo_ros.diagnosis.explain import joint_explanation, measurement_error
+from dlo_ros.diagnosis.explain import measurement_error
 from dlo_ros.diagnosis.explain.cause_naming import Cause
-from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation
 from dlo_ros.diagnosis.explain.measurement_error import _along, _staying
 from dlo_ros.diagnosis.findings import joint_outcome
@@ -240,53 +239,17 @@ def test_a_free_end_that_points_see_too_early_or_too_late_is_compared_with_its_l
     assert across == pytest.approx(2e-4, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    ("frames", "left", "off", "named"),
-    [
-        (12, 2e-3, 1, ["point_mass", "gravity_tilt"]),
-        (12, 3e-3, 1, []),  # a camera that creeps may be the reason
-        (12, 2.9e-3, 5, ["point_mass", "gravity_tilt"]),
-        (12, 3.1e-3, 5, []),
-        (3, 3e-3, 1, ["gravity_tilt"]),
-        (3, 2e-3, 5, ["point_mass", "gravity_tilt"]),
-    ],
-)
-def test_what_leaves_much_may_stand_for_an_unknown_cause(monkeypatch, frames, left, off, named):
-    """And so may anything in a few shapes, where little is wrong for certain, unless it is told as
-    one of several.
-    """
-    monkeypatch.setattr(joint_explanation, "departures", lambda *_: off)
-    found = SimpleNamespace(at=SimpleNamespace(mean_err=left), causes=())
-    recordings = [SimpleNamespace(times=np.arange(frames))]
-    prepared = SimpleNamespace(recordings=recordings, plain_err=6e-3)
-    causes = (
-        Cause("point_mass", (), {}, 9.0, 5e-3),
-        Cause("gravity_tilt", (), {"constant_force": {}}, 9.0, 5e-3),
-    )
-    told = joint_explanation._no_stand_ins(causes, found, prepared)
-    assert [c.effect for c in told] == named
-
-
-@pytest.mark.parametrize(
-    ("evidence", "err", "causes", "result", "alone"),
-    [
-        (9.0, 2e-3, (), "setup", "setup"),
-        (9.0, 0.5e-3, (), "there", "there"),
-        (14.0, 2e-3, (), "there", "setup"),
-        (9.0, 2e-3, ("tilt",), "there", "setup"),
-        (9.0, 0.5e-3, ("tilt",), "there", "setup"),
-    ],
-)
-def test_without_causes_the_better_of_two_fits_of_the_set_up_counts(
-    evidence, err, causes, result, alone
-):
-    def at(evidence, err):
-        return SimpleNamespace(posterior=SimpleNamespace(evidence=evidence), mean_err=err)
-
-    fits = {"setup": at(10.0, 1e-3), "there": at(evidence, err)}
-    found = Search(fits["there"], causes, (), None)
-    found, setup = joint_explanation._one_minimum(found, fits["setup"])
-    assert found.at is fits[result] and setup is fits[alone]
+def test_a_damping_that_keeps_its_guess_asks_for_a_swing():
+    model = SimpleNamespace(names=("young_modulus", "density", "air_drag"))
+    found = SimpleNamespace(
+        causes=(), at=SimpleNamespace(model=model),
+        stiffness_shifts={"internal_damping": 0.1, "air_drag": 0.0, "creep": 0.3},
+    )  # fmt: skip
+    asked = joint_outcome._advice("unexplained", found)
+    assert "damping.relaxation_time keeps" in asked and asked.endswith(joint_outcome.REPEAT)
+    assert joint_outcome._advice("explained", found) == joint_outcome.SETTLED
+    found.stiffness_shifts = {}
+    assert joint_outcome._advice("unexplained", found) == joint_outcome.REPEAT
 
 
 def fitted_to(*errs):

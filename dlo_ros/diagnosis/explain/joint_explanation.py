@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
 from dlo_ros.diagnosis.explain.candidate_trials import (
+    FIT_ITERATIONS,
     Step,
     Trial,
     fitted,
@@ -32,9 +33,11 @@ from dlo_ros.diagnosis.explain.exact_setup import beside_exact_set_up
 from dlo_ros.diagnosis.explain.far_starts import best_far_start
 from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
-from dlo_ros.effects import Scene, Start, starts
-from dlo_ros.inference.joint import Evaluation, evaluate, simulate
-from dlo_ros.inference.joint_fit import approached, settled
+from dlo_ros.effects import Scene, Start, effects, starts
+from dlo_ros.effects.base import ROD
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, rejudged, simulate
+from dlo_ros.inference.joint_fit import approached, fit, settled
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import believed, joint_model
@@ -203,8 +206,7 @@ def _concluded(
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     material = material_err(own, given)
-    missed = LOWERS * (setup.mean_err - own)
-    least = max(missed, SMALL_SHARE * (prepared.plain_err - own))
+    least = _nameable_err(found, setup, prepared, own)
     causes, shifts = named(found, setup, bares, recordings, begun, OWN * own, least, exact=exact)
     if contact is not None:
         causes = tuple(_beside(c, contact) for c in causes)
@@ -214,6 +216,36 @@ def _concluded(
         setup, found.at, causes, own, material, least, found.causes, found.trace,
         pruned | shifts, exact, contact,
     )  # fmt: skip
+
+
+def _nameable_err(found: Search, setup: Evaluation, prepared: Prepared, own: float) -> float:
+    """ERR [m] that an added effect must take away to be named.
+
+    That is a share of what the set-up leaves, and of what the rod's laws are needed for: an effect
+    that takes less away may only mend one of them. Clamps, camera and time have no law that could
+    be another: their errors are none that an effect mends.
+
+    Args:
+        own: the measurement's own error [m].
+    """
+    missed, plain = LOWERS * (setup.mean_err - own), prepared.plain_err
+    if missed < SMALL_SHARE * (plain - own) and any(c.start is not None for c in found.causes):
+        plain = min(plain, _err_without_laws(setup, prepared.recordings))
+    return max(missed, SMALL_SHARE * (plain - own))
+
+
+def _err_without_laws(setup: Evaluation, recordings: Sequence[Recording]) -> float:
+    """ERR [m] to which the set-up can come where the rod is as it should be."""
+    of_rod = [
+        p for p in setup.model.parameters if p.tolerated and ROD in effects()[p.effect].acts_on
+    ]
+    model = setup.model.without([p.name for p in of_rod])
+    try:
+        bare = rejudged(borrowed(setup, model, recordings))
+    except SimulationError as err:
+        LOG.info("the rod as it should be: %s", err)
+        return float("inf")
+    return approached(fit(bare, recordings, FIT_ITERATIONS), recordings).mean_err
 
 
 def _one_minimum(found: Search, setup: Evaluation) -> tuple[Search, Evaluation]:

@@ -38,7 +38,7 @@ from dlo_ros.diagnosis.findings.shape_views import views
 from dlo_ros.diagnosis.findings.without_own_error import without_own_error
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning, whitened
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
-from dlo_ros.effects import effects
+from dlo_ros.effects import added_to_damping, effects
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, Simulated, simulate
 from dlo_ros.inference.joint_fit import approached
@@ -54,6 +54,10 @@ REPEAT = (
     "Repeat one of the manipulations unchanged: where both recordings differ from each other, the "
     "cause changes with time (a draught, a camera or a material that drifts); where they agree, it "
     "belongs to the DLO and its grips."
+)
+SWING = (
+    "Record how the DLO swings after a quick motion, too: these recordings do not determine how a "
+    "motion dies out, and {} keeps the value of the parameter file, which is a guess."
 )
 
 
@@ -352,7 +356,17 @@ def _advice(verdict: Verdict, found: Explanation) -> str:
         return "No error is left to explain: the set-up is within its tolerances."
     if verdict == "explained":
         return SETTLED
-    return REPEAT
+    kept = _kept_guesses(found)
+    return f"{SWING.format(' and '.join(kept))} {REPEAT}" if kept else REPEAT
+
+
+def _kept_guesses(found: Explanation) -> list[str]:
+    """Keys of the dampings that were left as they are guessed, see `without_needless`."""
+    return [
+        f"damping.{name}"
+        for effect, (name, _) in added_to_damping().items()
+        if effect in found.stiffness_shifts and name not in found.at.model.names
+    ]
 
 
 def _percent(share: float | None) -> str:
