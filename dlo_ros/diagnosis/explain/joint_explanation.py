@@ -72,7 +72,8 @@ class Explanation:
         nameable_err: ERR [m] that an effect which has been added must take away to be named.
         proposals: all that the search has added or freed, certain or not.
         trace: every candidate of every step.
-        stiffness_shifts: change of ln(E / mu) where an added effect is left out, by its name.
+        stiffness_shifts: change of ln(E / mu) where an added effect is left out, or a damping has
+            its guess, by the effect's name.
         exact: whether the set-up is as precise as the data tell, see `exact_setup`.
         contact: what may have been hit; None: nothing.
     """
@@ -202,7 +203,8 @@ def _concluded(
     found, bares, pruned = without_needless(found, recordings, begun, complete=complete)
     found, setup = _one_minimum(found, setup)
     if not complete and not found.causes:  # it may be another minimum, with dampings far off
-        found, _, _ = without_needless(found, recordings, begun, complete=False)
+        found, bares, more = without_needless(found, recordings, begun, complete=False)
+        setup, pruned = found.at, pruned | more
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     material = material_err(own, given)
