@@ -246,7 +246,7 @@ def test_a_damping_that_keeps_its_guess_asks_for_a_swing():
         stiffness_shifts={"internal_damping": 0.1, "air_drag": 0.0, "creep": 0.3},
     )  # fmt: skip
     asked = joint_outcome._advice("unexplained", found)
-    assert "damping.relaxation_time keeps" in asked and asked.endswith(joint_outcome.REPEAT)
+    assert "guesses (damping.relaxation_time)." in asked and asked.endswith(joint_outcome.REPEAT)
     assert joint_outcome._advice("explained", found) == joint_outcome.SETTLED
     found.stiffness_shifts = {}
     assert joint_outcome._advice("unexplained", found) == joint_outcome.REPEAT

@@ -57,7 +57,7 @@ REPEAT = (
 )
 SWING = (
     "Record how the DLO swings after a quick motion, too: these recordings do not determine how a "
-    "motion dies out, and {} keeps the value of the parameter file, which is a guess."
+    "motion dies out, and the model keeps what the parameter file guesses ({})."
 )
 
 
