@@ -200,8 +200,7 @@ def fit_variances(
         # The likelihood is flat where a component is nearly zero.
         x0 = np.maximum(_packed(start), x0 + np.log(LEAST_START))
     bins, rows = joined(spectra), _rows(spectra)
-    least = (LEAST_NOISE * length) ** 2
-    bounds = _bounds(spectra, _missed(spectra, offset, precision, least), length)
+    bounds = _bounds(spectra, _missed(spectra, offset, precision, length), length)
 
     def cost(x: FloatArray) -> tuple[float, FloatArray]:
         value, slope = _cost(x, bins, rows, offset, precision)
@@ -279,15 +278,13 @@ def _parted(x: FloatArray, parts: int) -> tuple[FloatArray, float, FloatArray]:
 
 
 def _missed(
-    spectra: Sequence[Spectrum], offset: FloatArray, precision: FloatArray, least: float
+    spectra: Sequence[Spectrum], offset: FloatArray, precision: FloatArray, length: float
 ) -> list[float]:
     """Mean square by which the linearised model misses each recording across the DLO [m^2].
 
     That is where it fits best, along it, too.
-
-    Args:
-        least: smallest mean square that errors have [m^2].
     """
+    least = (LEAST_NOISE * length) ** 2
     count = sum(float(s.count.sum()) for s in spectra)
     weight = count / max(sum(float(s.sum_of_squares.sum()) for s in spectra), least * count)
     hessians = [s.hessian.sum(axis=0) for s in spectra]

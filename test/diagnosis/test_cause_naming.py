@@ -162,7 +162,7 @@ def test_what_may_or_may_not_act_does_not_stand_for_what_does(monkeypatch, loss,
 @pytest.mark.parametrize(
     ("near", "complete", "kept"),
     [
-        # Beside a law that nobody knows, evidence alone keeps nothing in the model.
+        # Beside an unknown law, evidence alone keeps no effect in the model.
         ({"damping": 1.05e-3, "creep": 1.05e-3}, False, []),
         ({"damping": 1.05e-3, "creep": 1.5e-3}, False, ["creep"]),
         ({"damping": 1.5e-3, "creep": 1.5e-3}, False, ["creep", "damping"]),
@@ -188,7 +188,7 @@ def test_in_a_wrong_model_only_what_brings_it_nearer_is_kept(monkeypatch, near, 
 
     monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, wholly: 60.0)
     monkeypatch.setattr(cause_naming, "without", without)
-    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
+    monkeypatch.setattr(cause_search, "approached", lambda at, *_: at)
     monkeypatch.setattr(cause_naming, "_guessed_dampings", lambda _: [damping])
     both = model(100.0, 1e-3, ["creep", "damping"])
     search = cause_search.Search(both, (creep,), (), None)

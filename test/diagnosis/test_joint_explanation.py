@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What of a search's result is a cause: what takes enough away, and is no stand-in for another."""
+"""Causes in a search's result: effects that take enough error away and stand in for no other."""
 
 from types import SimpleNamespace
 

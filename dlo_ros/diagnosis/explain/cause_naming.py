@@ -16,6 +16,7 @@ from dlo_ros.diagnosis.explain.cause_search import (
     linear_loss,
     offered,
     ranked_proposals,
+    takes_little,
     without,
 )
 from dlo_ros.diagnosis.explain.certainty import SCALES, beyond, certain, is_beyond, strains
@@ -113,7 +114,9 @@ def without_needless(
             continue
         bare = without(at, group, recordings, wholly=True)
         needed = bare is None or _needed(at, bare, group, begun)
-        if bare is None or (needed and (complete or _nearer(at, bare, recordings))):
+        if bare is None or (
+            needed and (complete or not takes_little((at, group), bare, recordings))
+        ):
             bares[group.label] = bare
             continue
         LOG.info("left out: %s", group.label)
@@ -126,15 +129,6 @@ def without_needless(
 def _guessed_dampings(at: Evaluation) -> list[Proposal]:
     """Dampings that the parameter file only guesses."""
     return [g for g in freed(at.model) if all(p.guessed for p in g.parameters)]
-
-
-def _nearer(at: Evaluation, bare: Evaluation, recordings: Sequence[Recording]) -> bool:
-    """Whether a model can come nearer to the shapes than one without a cause, by a share LOWERS.
-
-    Correlated errors let fits drift from the shapes, by more than a cause may take away.
-    """
-    here, there = (approached(e, recordings).mean_err for e in (at, bare))
-    return here <= (1.0 - LOWERS) * there
 
 
 def named(

@@ -138,14 +138,14 @@ def search(
             first = None
         trace += steps
         _tell(steps)
-        little = _takes_little(found, at, recordings)
+        little = takes_little(found, at, recordings)
         if little and _matters(found[0] if found else at, recordings, enough):
             for group in _strained(at, causes, exchanged)[: EXCHANGES - len(exchanged)]:
                 exchanged.append(group.label)
                 other, steps = _exchange(number, at, group, recordings, begun, known)
                 trace += steps
                 _tell(steps)
-                if other is not None and not _takes_little(other, at, recordings):
+                if other is not None and not takes_little(other, at, recordings):
                     found, causes = other, [c for c in causes if c.label != group.label]
                     little = False
                     break
@@ -180,7 +180,7 @@ def _matters(at: Evaluation, recordings: Sequence[Recording], enough: float) -> 
     return at.mean_err > max(OWN * own_err(at, recordings), enough)
 
 
-def _takes_little(found: Trial | None, at: Evaluation, recordings: Sequence[Recording]) -> bool:
+def takes_little(found: Trial | None, at: Evaluation, recordings: Sequence[Recording]) -> bool:
     """Whether a trial comes too little nearer to the shapes than a model to be named.
 
     While causes are missing, fits hold slow errors for correlated noise and may lie far from the

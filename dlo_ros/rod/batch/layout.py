@@ -19,7 +19,7 @@ from dlo_ros.rod.batch.simd_step import BatchState, Room, Sets
 from dlo_ros.rod.batch.simd_tables import KEPT, TARGET, tables_of
 from dlo_ros.rod.boundary.conditions import END_CLAMP, START_CLAMP
 from dlo_ros.rod.boundary.imposed_motion import Boundary
-from dlo_ros.rod.elements.rod_tables import DOF
+from dlo_ros.rod.elements.rod_tables import DOF, Stiffness
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.planar_model import IN_PLANE, reduce
 from dlo_ros.rod.simd.eight_lanes import LANES, rows
@@ -50,16 +50,12 @@ class Layout:
         self.order = np.minimum(np.arange(-(-len(models) // LANES) * LANES), len(models) - 1)
         self.order = self.order.reshape(-1, LANES)
         stiff, weight = [model.stiffness for model in models], first.rule.weight
-        bend = [s.bend[:, 0] if flat else np.column_stack([s.bend[:, :2], s.twist]) for s in stiff]
-        rest = [
-            s.bend_rest[:, 0] if flat else np.column_stack([s.bend_rest, s.twist_rest])
-            for s in stiff
-        ]
+        bend, rest = zip(*(bending(s, flat=flat) for s in stiff), strict=True)
         self.sets = Sets(
             BatchLaw(
                 self.lanes([weight * s.stretch for s in stiff]),
                 self.lanes([s.stretch_rest for s in stiff]),
-                self.lanes([(weight * b.T).T for b in bend]),
+                self.lanes([weight[:, None] * b for b in bend]),
                 self.lanes(rest),
             ),
             self.lanes([model.mass for model in models]),
@@ -112,8 +108,23 @@ class Layout:
         return BatchState._make([*parts[:8], Frame(*parts[8:12]), parts[12]])
 
 
+def bending(stiffness: Stiffness, *, flat: bool) -> tuple[FloatArray, FloatArray]:
+    """Bending stiffness and curvatures at rest that a rod has in lanes, (..., nb, 1 or 3).
+
+    Args:
+        stiffness: of the rod, or its derivatives by P parameters, (P, ...).
+        flat: whether the rod moves in the plane; in space twist stands behind both bendings.
+    """
+    if flat:
+        return stiffness.bend[..., :1], stiffness.bend_rest[..., :1]
+    return (
+        np.concatenate([stiffness.bend[..., :2], stiffness.twist[..., None]], axis=-1),
+        np.concatenate([stiffness.bend_rest, stiffness.twist_rest[..., None]], axis=-1),
+    )
+
+
 def _fixed(boundary: Boundary, n: int, *, flat: bool) -> FloatArray:
-    """What is held of the numbers of each control point, see `simd_tables.tables_of`."""
+    """Held numbers of each control point, see `simd_tables.tables_of`."""
     fixed = np.where(boundary.fixed.reshape(n, DOF), TARGET, 0.0)
     # Without a clamp the twist angle of an end is held where it is.
     for end, clamp in ((0, START_CLAMP), (-1, END_CLAMP)):

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from dlo_ros.rod.batch import planar_sensitivity, spatial_sensitivity
-from dlo_ros.rod.batch.layout import Layout
+from dlo_ros.rod.batch.layout import Layout, bending
 from dlo_ros.rod.batch.simd_kernels import COLUMN, BatchLaw
 from dlo_ros.rod.batch.simd_sensitivity import Variations
 from dlo_ros.rod.batch.simd_step import Sets
@@ -79,10 +79,7 @@ class SensitivityLanes:
     def _rates(self, rates: Rates, weight: FloatArray) -> Sets:
         """Derivatives of the constants that `Layout.sets` has."""
         s = rates.stiffness
-        bend, rest = s.bend[:, :, :1], s.bend_rest[:, :, :1]
-        if not self._flat:
-            bend = np.concatenate([s.bend[:, :, :2], s.twist[:, :, None]], axis=2)
-            rest = np.concatenate([s.bend_rest, s.twist_rest[:, :, None]], axis=2)
+        bend, rest = bending(s, flat=self._flat)
         return Sets(
             BatchLaw(
                 self._lanes(weight * s.stretch), self._lanes(s.stretch_rest),

@@ -167,21 +167,34 @@ def _add_span(q, tables, law, scratch, span, tension, first):
             pair += 1
 
 
+@njit(from_python=False)
+def gathered_law(lanes, group, law, first, bends):
+    """Law of a group's spans in lanes, at rows of `SpanLanes.work` from the given one on.
+
+    Args:
+        bends: numbers of bending (and twist) of a span.
+    """
+    work, numbers = lanes.work, lanes.numbers
+    own = BatchLaw(
+        row_address(work, first), row_address(work, first + 3), row_address(work, first + 6),
+        row_address(work, first + 6 + bends),
+    )  # fmt: skip
+    gather(numbers, group, law.stretch, 3, 3, own.stretch)
+    gather(numbers, group, law.stretch_rest, 3, 3, own.stretch_rest)
+    gather(numbers, group, law.bend, bends, bends, own.bend)
+    gather(numbers, group, law.bend_rest, bends, bends, own.bend_rest)
+    return own
+
+
 @linked()
 def _add_group(q, tables, law, scratch, group, tension, first):
     """Add a group of spans in lanes to gradient and Hessian; rows: `span_lanes.work_rows`."""
     lanes = tables.together
     numbers, work, spans = lanes.numbers, lanes.work, min(LANES, lanes.size - LANES * group)
-    own = BatchLaw(
-        row_address(work, 8), row_address(work, 11), row_address(work, 14), row_address(work, 17)
-    )  # fmt: skip
     tense, tangent = row_address(work, 20), row_address(work, 23)
     gradient, band = row_address(work, 29), row_address(work, 37)
     gather(numbers, group, q, 2, 8, row_address(work, 0))
-    gather(numbers, group, law.stretch, 3, 3, own.stretch)
-    gather(numbers, group, law.stretch_rest, 3, 3, own.stretch_rest)
-    gather(numbers, group, law.bend, 3, 3, own.bend)
-    gather(numbers, group, law.bend_rest, 3, 3, own.bend_rest)
+    own = gathered_law(lanes, group, law, 8, 3)
     gather(numbers, group, tension, 3, 3, tense)
     gather(numbers, group, scratch.tangent, 6, 6, tangent)
     for k in range(29, 29 + 8 + 64):

@@ -36,7 +36,7 @@ from dlo_ros.spline import FloatArray
 
 
 class Variations(NamedTuple):
-    """What P parameters do to a rod and to its command, and the derivatives of its state by them.
+    """Changes of a rod and of its command by P parameters, and the derivatives of its state.
 
     Parameter a is lane a % LANES of group a // LANES, of which there are G; the last one is filled
     up with parameters that change nothing.

@@ -13,7 +13,7 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch.simd_kernels import BatchLaw, Frame, Scratch
+from dlo_ros.rod.batch.simd_kernels import Frame, Scratch, gathered_law
 from dlo_ros.rod.batch.simd_tables import PAIRS, local_tables
 from dlo_ros.rod.batch.span_lanes import gather, scatter, scatter_columns
 from dlo_ros.rod.batch.spatial_strains import get, line, put, slopes
@@ -88,19 +88,13 @@ def _add_group(q, tables, frame, law, scratch, group, tension, first):
     """Add a group of spans in lanes to gradient and Hessian; rows: `span_lanes.work_rows`."""
     lanes = tables.together
     numbers, work, spans = lanes.numbers, lanes.work, min(LANES, lanes.size - LANES * group)
-    own = BatchLaw(
-        row_address(work, 16), row_address(work, 19), row_address(work, 22), row_address(work, 31)
-    )  # fmt: skip
     tense, tangent = row_address(work, 40), row_address(work, 43)
     carried = Frame(
         row_address(work, 52), row_address(work, 61), row_address(work, 70), row_address(work, 79)
     )  # fmt: skip
     gradient, band = row_address(work, 82), row_address(work, 98)
     gather(numbers, group, q, 4, 16, row_address(work, 0))
-    gather(numbers, group, law.stretch, 3, 3, own.stretch)
-    gather(numbers, group, law.stretch_rest, 3, 3, own.stretch_rest)
-    gather(numbers, group, law.bend, 9, 9, own.bend)
-    gather(numbers, group, law.bend_rest, 9, 9, own.bend_rest)
+    own = gathered_law(lanes, group, law, 16, 9)
     gather(numbers, group, tension, 3, 3, tense)
     gather(numbers, group, scratch.tangent, 9, 9, tangent)
     gather(numbers, group, frame.tangent, 9, 9, carried.tangent)

@@ -59,7 +59,8 @@ def strain_gradients(q, tables, frame, bend, out):
 
 @linked(**FLAGS)
 def turn_frame(tables, frame, gradients, change, turn, work, span):
-    """What a change of the frame before the step does at the points of a span, the shape held.
+    """Change of the frame at the points of a span by that of the frame before the step, the shape
+    held.
 
     Args:
         frame: reference frame before the step.

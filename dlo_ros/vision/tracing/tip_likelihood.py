@@ -128,8 +128,8 @@ def find_tip(
     own = own[(own >= 0.0) & (own <= count - 1.0)]
     own = own[located.seen[np.rint(own).astype(np.int64)]]
     outside = edge + sign * np.arange(step, beyond, step)
+    places = np.concatenate([at, outside])
     if len(own) < FEWEST_SECTIONS:  # nothing to compare with: the end may be anywhere
-        places = np.concatenate([at, outside])
         return Tip(places, np.zeros(len(places)), provisional, compared=False)
     sections = Sections.of(_strip(image, course, normals, own, offsets), offsets, width)
     strip = _strip(image, course, normals, at, offsets)
@@ -155,7 +155,6 @@ def find_tip(
     # An end that lies just where the edge of something else runs would do so by chance.
     crossed = sections.crossed(strip, offsets, width, step / per_width)
     likelihood[: len(at)] += np.where(crossed, EDGE, 0.0)
-    places = np.concatenate([at, outside])
     # An end lies before the first cross-section without the DLO.
     places = places - 0.5 * sign * step
     like = np.flatnonzero(visible > 0.0)
