@@ -57,7 +57,7 @@ from rods import KNOWN, PAPER
 from dlo_ros.effects import starts
 from dlo_ros.inference.scene import scene
 from dlo_ros.diagnosis import diagnose
-from dlo_ros.diagnosis.fitting.initial_fit import begin
+from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.effects import build, effects
 from dlo_ros.identification import identify
 from dlo_ros.identification.batched_forecast import forecast_varied

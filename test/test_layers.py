@@ -76,7 +76,7 @@ INSIDE = {
         ("__init__",),
     ),
     "identification": (
-        ("cooperative_tasks", "estimate", "residual_noise"),
+        ("cooperative_tasks", "estimate", "information", "residual_noise"),
         (
             "batched_forecast",
             "gradual_simulation",
@@ -89,7 +89,6 @@ INSIDE = {
         ("__init__",),
     ),
     "diagnosis": (
-        ("fitting",),
         ("residuals", "proposals", "contact"),
         ("explain",),
         ("findings", "monitor"),

@@ -33,7 +33,6 @@ SETTINGS = {
     "observation_operator.NEGLECTED",
     "observation_operator.SMALLEST_MODE",
     "recorded_inputs.LEAST",
-    "recording_identification.MOVED",
     "residual_information.DECAYED",
     "residual_noise.DECAYED",
     "residual_noise.STILL",

@@ -145,7 +145,7 @@ def _more(
     start = searchable(settings).with_effects(found.estimate.settings.effects)
     if arguments.sample:
         sampled = sample(
-            train, start, found.fitted, count=arguments.sample, pool=pool,
+            start, found.fitted, found.forces, count=arguments.sample, pool=pool,
             done=lambda share: progress("sampling", share),
         )  # fmt: skip
     if arguments.bootstrap:
@@ -156,7 +156,7 @@ def _more(
             progress("drawing recordings", len(kept.results) / arguments.bootstrap)
 
         redrawn = bootstrap(
-            train, found.fitted, count=arguments.bootstrap, pool=pool,
+            found.fitted, count=arguments.bootstrap, pool=pool,
             before=kept.results.copy(), done=done,
         )  # fmt: skip
         kept.remove()

@@ -99,7 +99,7 @@ def tree(
         name.removeprefix(EFFECTS_PREFIX): {"value": v, "std": std, "unit": _unit(name)}
         for name, (v, std) in found.set_up.items()
     }
-    forces = None if found.fitted is None else found.fitted.forces
+    forces = found.forces
     if forces is not None:
         result["wrench"] = {
             "messages": forces.messages,
@@ -193,10 +193,8 @@ def _set_up(found: Identification) -> list[str]:
 
 def force_sentences(found: Identification) -> list[str]:
     """A sentence on what measured forces determine, and by which of their parts."""
-    forces = None if found.fitted is None else found.fitted.forces
-    if forces is None:
-        return []
-    return [force_words(forces.relative, forces.messages)]
+    forces = found.forces
+    return [] if forces is None else [force_words(forces.relative, forces.messages)]
 
 
 def remarks(found: Identification) -> list[str]:
@@ -208,7 +206,7 @@ def remarks(found: Identification) -> list[str]:
     if not found.converged:
         result.append("The fit has not converged; the numbers are where it stopped.")
     if found.fitted is not None:
-        left_out = sum(int(mask.sum()) for mask in found.fitted.ignored)
+        left_out = sum(found.fitted.left_out)
         if left_out:
             result.append(
                 "1 picture deviates grossly and does not count in the fit."
@@ -226,13 +224,8 @@ def remarks(found: Identification) -> list[str]:
                 "Something else is at work, and part of its effect is absorbed by the parameters; "
                 "`diagnose` looks for it."
             )
-    errors = [
-        r.forecast.resolution_error * estimate.settings.rod.length
-        for r in found.recordings
-        if r.forecast is not None and r.forecast.resolution_error > 0.0
-    ]
-    if errors:
-        result.append(f"The simulation's own error is {rounded(1e3 * max(errors))} mm at most.")
+    if found.fitted is not None and found.fitted.error > 0.0:
+        result.append(f"The simulation's own error is {rounded(1e3 * found.fitted.error)} mm.")
     return result
 
 

@@ -22,9 +22,9 @@ from dlo_ros.diagnosis.findings.joint_learning import (
 )
 from dlo_ros.diagnosis.findings.joint_outcome import joint_outcome
 from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
-from dlo_ros.diagnosis.fitting.initial_fit import Beginning, begin, drafts, finer, fitted
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
+from dlo_ros.identification.offline.initial_fit import Beginning, begin, drafts, finer, fitted
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.joint import Evaluation, simulate
 from dlo_ros.inference.measured import Recording

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
+from dlo_ros.identification.information import determined_directions, strain
 from dlo_ros.identification.residual_noise import correlation_length, lagged_products
 from dlo_ros.inference.forecast import Forecast
 from dlo_ros.rod_settings import RodSettings
@@ -30,7 +31,6 @@ DECAYED = 0.1  # of a correlation, below which the rest of it is not summed
 # 1.1 to 2.5 of the strain in ln E (root mean square 1.9) and by up to 0.2 in what is left of the
 # shape. A DLO may be of either kind: 1.9 / sqrt(2). A discrete rod of the second kind agrees.
 STRETCH_SHAPE = 0.3  # of L
-STRETCH_STIFFNESS = 1.3  # of ln E
 
 
 @dataclass(frozen=True)
@@ -59,25 +59,6 @@ def discrepancy(found: Forecast, settings: RodSettings) -> float:
     rod, simulation = settings.rod, settings.simulation
     own = max(np.nan_to_num(found.resolution_error), simulation.tolerance)
     return float(rod.length * np.hypot(own, STRETCH_SHAPE * strain(settings)))
-
-
-def model_shifts(settings: RodSettings, count: int) -> list[FloatArray]:
-    """Possible shifts of ln E, of `count` logarithms: by the rod theory, and by the diameter.
-
-    Shapes determine E D^2 / mu.
-    """
-    rod = settings.rod
-    first = np.eye(count)[0]
-    return [
-        STRETCH_STIFFNESS * strain(settings) * first,
-        2.0 * rod.diameter_std / rod.diameter * first,
-    ]
-
-
-def strain(settings: RodSettings) -> float:
-    """Stretch of a DLO that hangs from its end."""
-    weight = float(np.linalg.norm(settings.gravity))
-    return weight * settings.rod.length / settings.rod.specific_modulus
 
 
 def tangents(predicted: FloatArray) -> FloatArray:
@@ -191,7 +172,7 @@ class NormalEquations:
         """Information on the P parameters, shape (P, P).
 
         Args:
-            shifts: see `data_information`.
+            shifts: uncorrected errors of the parameters that are known to be possible, each (P,).
         """
         return sandwich(self.hessian, self.covariance + _shifted(self.hessian, shifts))
 
@@ -248,61 +229,6 @@ def _normal_equations(
     ]
     columns = np.stack(staying, axis=1).reshape(parameters, -1)
     return NormalEquations(total, np.asarray(passing), np.asarray(columns))
-
-
-def data_information(
-    forecasts: Sequence[Forecast],
-    settings: RodSettings | None = None,
-    shifts: Sequence[FloatArray] = (),
-) -> FloatArray:
-    """Information of residuals on the logarithms of the P parameters, shape (P, P).
-
-    Where recordings pull apart more than their residuals explain, it is reduced until they agree
-    (Birge ratio, on the direction of ln E).
-
-    Args:
-        forecasts: forecasts with derivatives.
-        settings: settings of the model, for its own error; None leaves that out.
-        shifts: uncorrected errors of the logarithms that are known to be possible, each (P,).
-    """
-    found = [normal_equations(f, settings) for f in forecasts]
-    hessian = np.sum([e.hessian for e in found], axis=0)
-    covariance = np.sum([e.covariance for e in found], axis=0)
-    if len(found) > 1:
-        pulls = [
-            _pull(f) ** 2 / max(e.covariance[0, 0], 1e-300)
-            for f, e in zip(forecasts, found, strict=True)
-        ]
-        covariance = covariance * max(1.0, float(np.sum(pulls)) / (len(pulls) - 1))
-    if settings is not None:
-        shifts = [*shifts, *model_shifts(settings, len(hessian))]
-    return sandwich(hessian, covariance + _shifted(hessian, shifts))
-
-
-def _pull(found: Forecast) -> float:
-    """J^T r of the first parameter, which is ln E [m^2]."""
-    assert found.derivative is not None
-    return float(np.sum(found.derivative[:, 0] * found.residual))
-
-
-def widened(information: FloatArray, shift: FloatArray) -> FloatArray:
-    """Information on numbers that a further unknown shift affects (Sherman and Morrison)."""
-    product = information @ shift
-    return np.asarray(information - np.outer(product, product) / (1.0 + shift @ product))
-
-
-def determined_directions(information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Directions in which there is information.
-
-    Returns:
-        Units in which each number is taken, shape (P,), eigenvalues in these, (K,), and their
-        eigenvectors, (P, K).
-    """
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
-    # Derivatives are good to 1e-4 or so: what is smaller is no information.
-    kept = values > 1e-9 * max(float(values.max()), 1e-300)
-    return scale, values[kept], vectors[:, kept]
 
 
 def sandwich(hessian: FloatArray, covariance: FloatArray) -> FloatArray:

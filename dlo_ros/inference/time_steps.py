@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
-import numpy as np
+from collections.abc import Callable
 
 from dlo_ros.spline import FloatArray
 
@@ -15,41 +13,6 @@ may then add 0.3 mm per metre of DLO."""
 ROUNDS = 4
 FACTOR = 10.0
 """Factor between two tolerances."""
-STEP_SHARE = 0.01
-"""Share of the residual that the error of the time steps may be."""
-
-
-def sufficient_time_steps(
-    residuals: Callable[[float], Sequence[FloatArray]], left: Sequence[FloatArray]
-) -> float:
-    """The largest tolerance whose time steps err by no more than `STEP_SHARE` of a residual.
-
-    A model that misses the shapes by millimetres need not be integrated to micrometres.
-
-    Args:
-        residuals: residuals of all recordings at a tolerance, each of shape (F, ...).
-        left: residuals of the model.
-
-    Raises:
-        SimulationError: as `residuals` does.
-    """
-    frames = sum(map(len, left))
-    found, _ = longest_time_steps(
-        lambda tolerance: np.concatenate([r.ravel() for r in residuals(tolerance)]),
-        lambda a, b: float(np.linalg.norm(a - b) / np.sqrt(frames)),
-        STEP_SHARE * typical_distance(left),
-    )
-    return found
-
-
-def typical_distance(residuals: Sequence[FloatArray]) -> float:
-    """Median distance of the shapes [m], of the recording in which it is least.
-
-    Args:
-        residuals: residuals of each recording, shape (F, ...).
-    """
-    squares = [np.median(np.sum(r.reshape(len(r), -1) ** 2, axis=1)) for r in residuals]
-    return float(np.sqrt(min(squares)))
 
 
 def longest_time_steps(

@@ -24,7 +24,7 @@ def identified(**stds):
     directions = {"ratio": RATIO, "drag": DRAG, "relaxation": RELAXATION}
     matrix = sum(np.outer(directions[k], directions[k]) / std**2 for k, std in stds.items())
     estimate = summarise(PAPER, logarithms(PAPER), matrix)
-    fitted = SimpleNamespace(information=matrix, forces=None, ignored=())
+    fitted = SimpleNamespace(information=matrix, left_out=(), error=np.nan)
     return Identification(estimate, (), None, True, fitted)
 
 

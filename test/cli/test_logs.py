@@ -12,7 +12,7 @@ from dlo_ros.cli.progress import progress_bar, steps
 from dlo_ros.errors import InputError
 from dlo_ros.logs import OPTION, VARIABLE, LogChoice, chosen, without_option
 
-BELOW = logging.getLogger("dlo_ros.identification.offline.material_fit")
+BELOW = logging.getLogger("dlo_ros.identification.offline.initial_fit")
 FOREIGN = logging.getLogger("matplotlib.test")
 
 
@@ -88,7 +88,7 @@ def test_with_it_every_step_is_told_with_its_module(tool, capsys):
     assert tool(OPTION) == 0
     lines = capsys.readouterr().err.splitlines()
     assert [line.split(" ", 1)[1] for line in lines[:5]] == [
-        f"dlo_ros.identification.offline.material_fit: step {k}" for k in range(5)
+        f"dlo_ros.identification.offline.initial_fit: step {k}" for k in range(5)
     ]
     assert lines[5:] == ["WARNING: beware"] * 2
     assert logging.getLogger("dlo_ros").level == logging.NOTSET  # as before

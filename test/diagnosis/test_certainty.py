@@ -18,9 +18,9 @@ from dlo_ros.diagnosis.explain.certainty import (
 )
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation, still_certain
 from dlo_ros.diagnosis.findings.joint_learning import training_set
-from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.diagnosis.proposals.linear_evidence import freed, proposal_of, with_proposals
 from dlo_ros.effects import Start, starts
+from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.inference.thresholds import BEYOND
 
 PEG = {"x": 0.1, "z": -0.1, "radius": 0.01}

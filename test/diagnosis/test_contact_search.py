@@ -16,9 +16,9 @@ from dlo_ros.diagnosis.contact.contact_search import contacts_beside_set_up, pla
 from dlo_ros.diagnosis.contact.peg_places import SLACK, STATIONS, Sight, apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import _beginnings
 from dlo_ros.diagnosis.contact.wall_places import TouchedWall, beside, tangent, walls
-from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts, whitened
 from dlo_ros.diagnosis.residuals.residual_autocovariance import root_autocovariance
 from dlo_ros.effects import Start
+from dlo_ros.identification.offline.initial_fit import begin, drafts, whitened
 from dlo_ros.inference.joint import simulate
 from dlo_ros.inference.priors import cause_priors
 from dlo_ros.inference.scene import imposed_names, scene
@@ -237,7 +237,7 @@ def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
     def looked(*_):
         raise AssertionError("looked for a peg off the board")
 
-    monkeypatch.setattr("dlo_ros.diagnosis.fitting.robust_fit.consensus_fit", looked)
+    monkeypatch.setattr("dlo_ros.diagnosis.contact.robust_fit.consensus_fit", looked)
     aloft = []
     for r in beginning.recordings:
         observed = r.observed.copy()

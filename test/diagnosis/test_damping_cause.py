@@ -11,8 +11,8 @@ from rods import PAPER
 from dlo_ros.diagnosis.explain.joint_explanation import explain
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.findings.joint_numbers import damping_as_effects, effect_numbers
-from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.diagnosis.proposals.linear_evidence import freed
+from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import material_priors
 

@@ -9,14 +9,14 @@ from measured import swing
 from rods import KNOWN, PAPER
 
 from dlo_ros.diagnosis import diagnose
-from dlo_ros.diagnosis.fitting.initial_fit import begin, fitted, whitened
-from dlo_ros.diagnosis.fitting.recording_noise import with_bias, with_noise
 from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.effects import Start, effects, starts
 from dlo_ros.errors import InputError
 from dlo_ros.identification import Manipulation
 from dlo_ros.identification.batched_forecast import forecast_varied
 from dlo_ros.identification.material_model import material_model
+from dlo_ros.identification.offline.initial_fit import begin, fitted, whitened
+from dlo_ros.identification.offline.recording_noise import with_bias, with_noise
 from dlo_ros.inference.forecast import forecast
 from dlo_ros.inference.joint import simulate
 from dlo_ros.inference.losses import WhiteLoss

@@ -9,7 +9,7 @@ from challenge import draw
 
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis import diagnose
-from dlo_ros.diagnosis.fitting.initial_fit import begin
+from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.parameters import Settings
 
 pytestmark = pytest.mark.long

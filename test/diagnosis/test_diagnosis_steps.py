@@ -9,7 +9,7 @@ from measured import swing
 from rods import KNOWN, PAPER
 
 from dlo_ros.diagnosis.findings.joint_learning import training_set
-from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts, finer, fitted, whitened
+from dlo_ros.identification.offline.initial_fit import begin, drafts, finer, fitted, whitened
 from dlo_ros.inference import joint_fit
 from dlo_ros.inference.joint import simulate
 from dlo_ros.inference.losses import WhiteLoss
@@ -23,7 +23,7 @@ def beginning():
 
 
 def test_a_coarse_trial_agrees_where_it_begins(beginning, monkeypatch):
-    monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.IMMATERIAL", 50.0)
+    monkeypatch.setattr("dlo_ros.identification.offline.initial_fit.IMMATERIAL", 50.0)
     at = beginning.at
     tried = drafts(beginning.recordings, at)
     coarse = whitened(simulate(at.model, tried, ()), tried)
@@ -36,15 +36,15 @@ def test_a_coarse_trial_agrees_where_it_begins(beginning, monkeypatch):
 
 
 def test_a_recording_of_unknown_fineness_has_drafts(beginning, monkeypatch):
-    monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.IMMATERIAL", 50.0)
+    monkeypatch.setattr("dlo_ros.identification.offline.initial_fit.IMMATERIAL", 50.0)
     open_ = [replace(r, spans=None) for r in beginning.recordings]
     for draft in drafts(open_, beginning.at):
         assert draft.spans == 14
 
 
 def test_long_recordings_are_tried_in_part(beginning, monkeypatch):
-    monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.DRAFT_FRAMES", 20)
-    monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.LEAST_FRAMES", 5)
+    monkeypatch.setattr("dlo_ros.identification.offline.initial_fit.DRAFT_FRAMES", 20)
+    monkeypatch.setattr("dlo_ros.identification.offline.initial_fit.LEAST_FRAMES", 5)
     at = beginning.at
     tried = drafts(beginning.recordings, at)
     residuals = whitened(at, beginning.recordings)
@@ -86,7 +86,7 @@ def test_what_starts_in_motion_is_refined_without_equilibria(monkeypatch):
     def at_rest(*words, **more):
         raise AssertionError("an equilibrium was asked for")
 
-    monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.forecast", at_rest)
+    monkeypatch.setattr("dlo_ros.identification.offline.initial_fit.forecast", at_rest)
     moving = replace(KNOWN, simulation=replace(KNOWN.simulation, start="moving"))
     begun = begin([swing(PAPER, seconds=0.5)], moving)
     assert begun.recordings[0].spans > 7

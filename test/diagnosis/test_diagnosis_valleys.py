@@ -6,7 +6,7 @@ from challenge import draw
 
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis import diagnose
-from dlo_ros.diagnosis.fitting import initial_fit
+from dlo_ros.identification.offline import initial_fit
 from dlo_ros.parameters import Settings
 
 pytestmark = pytest.mark.slow

@@ -13,8 +13,8 @@ from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.exact_setup import beside_exact_set_up, exact, opened
 from dlo_ros.diagnosis.explain.joint_explanation import explain
 from dlo_ros.diagnosis.findings.joint_learning import training_set
-from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.diagnosis.proposals.linear_evidence import freed
+from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.inference.priors import SLAB
 from dlo_ros.inference.thresholds import WORTH
 

@@ -13,7 +13,7 @@ from dlo_ros.diagnosis.explain import joint_explanation
 from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.joint_explanation import explain, explain_again
 from dlo_ros.diagnosis.findings.joint_learning import all_learned_from, training_set
-from dlo_ros.diagnosis.fitting.initial_fit import begin
+from dlo_ros.identification.offline.initial_fit import begin
 
 TURN = {"clamp_angle": {"start": np.radians(1.5)}}
 TILT = {"gravity_tilt": {"angle": 0.3}}

@@ -9,9 +9,9 @@ import pytest
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis.explain.far_starts import best_far_start
 from dlo_ros.diagnosis.explain.joint_explanation import prepare
-from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.effects import starts
 from dlo_ros.identification.estimate import searchable
+from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import WHITE, misfit
 from dlo_ros.parameters import Settings

@@ -10,9 +10,9 @@ from dlo_ros.diagnosis.explain.candidate_trials import fitted
 from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.findings.joint_numbers import set_up_numbers
-from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of, with_proposals
 from dlo_ros.effects import starts
+from dlo_ros.identification.offline.initial_fit import begin
 
 DRAG, INNER = "air_drag.coefficient", "internal_damping.relaxation_time"
 TRUE_DRAG = 0.06

@@ -9,8 +9,8 @@ from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis.explain.joint_explanation import explain
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.findings.joint_numbers import effect_numbers
-from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.identification.estimate import searchable
+from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.parameters import Settings
 
 pytestmark = pytest.mark.slow

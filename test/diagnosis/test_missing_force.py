@@ -8,9 +8,9 @@ import pytest
 from measured import at_rest, swing
 from rods import PAPER, SECOND, command
 
-from dlo_ros.diagnosis.fitting.recording_noise import with_noise
 from dlo_ros.diagnosis.residuals.missing_force import missing_force
 from dlo_ros.identification import Manipulation, forecast
+from dlo_ros.identification.offline.recording_noise import with_noise
 from dlo_ros.inference.measured import measured
 from dlo_ros.observation import Observation
 from dlo_ros.spline import SplineBasis

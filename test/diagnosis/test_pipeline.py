@@ -9,8 +9,8 @@ import pytest
 from experiment_recordings import moving
 
 from dlo_ros.diagnosis import pipeline
-from dlo_ros.diagnosis.fitting.initial_fit import begin, fitted
 from dlo_ros.diagnosis.pipeline import _learned
+from dlo_ros.identification.offline.initial_fit import begin, fitted
 from dlo_ros.inference.joint import evaluate, simulate
 
 

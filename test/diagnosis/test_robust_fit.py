@@ -8,14 +8,14 @@ import pytest
 from measured import swing
 from rods import KNOWN, PAPER
 
-from dlo_ros.diagnosis.fitting.initial_fit import whitened
-from dlo_ros.diagnosis.fitting.recording_noise import with_noise
-from dlo_ros.diagnosis.fitting.robust_fit import (
+from dlo_ros.diagnosis.contact.robust_fit import (
     consensus_fit,
     outlier_frames,
     robust_loss,
 )
 from dlo_ros.identification.material_model import material_model
+from dlo_ros.identification.offline.initial_fit import whitened
+from dlo_ros.identification.offline.recording_noise import with_noise
 from dlo_ros.inference.joint import evaluate, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import WHITE

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from experiment_recordings import moving
 
-from dlo_ros.diagnosis.findings import without_own_error as module
-from dlo_ros.diagnosis.findings.without_own_error import without_own_error
 from dlo_ros.errors import SimulationError
+from dlo_ros.identification.offline import without_own_error as module
+from dlo_ros.identification.offline.without_own_error import without_own_error
 from dlo_ros.inference.joint import evaluate
 from dlo_ros.inference.joint_fit import fit, settled
 from dlo_ros.inference.losses import TO_REPORT

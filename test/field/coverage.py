@@ -39,6 +39,8 @@ MEMORY, STRETCH, GROSS, FIXED = 0.5, 0.01, 0.05, 5e-4
 that all pictures have in common, over L."""
 TURNED, MOVED = 3.0 * DEGREE, 2e-3
 """Angle [rad] and offset [m] of a clamp that is off."""
+RESTING = ("rest", "still")
+"""Conditions without motion: thirty seconds with an error that stays, and three without."""
 TWIST, TWISTING = "twisting_stiffness", 0.7
 """The effect by which a rope resists twist otherwise, and the spread of its logarithm."""
 RECORDED = ("parameters", "guess", "duration", "initial_shape", "motion", "camera")
@@ -96,7 +98,7 @@ def _drawn(rng: np.random.Generator, seed: int, name: str) -> Drawn:
             "clamp_angle": {"start": float(sign[0] * TURNED)},
             "clamp_offset": {"start": [float(MOVED * np.cos(way)), float(MOVED * np.sin(way))]},
         }
-    if name.startswith("rest"):
+    if name in RESTING:
         tree["motion"] = {k: rows[:1] for k, rows in tree["motion"].items()}
         tree["duration"] = 0.1
     made = read_experiment(tree, name, "coverage")
@@ -109,7 +111,7 @@ def _drawn(rng: np.random.Generator, seed: int, name: str) -> Drawn:
         for i in range(len(truth.stamps))
     ]
     stamps = list(truth.stamps)
-    if name.startswith("rest"):
+    if name in RESTING:
         count = int(SLOWLY * 3.0 * 10.0) if name == "rest" else 90
         shapes = shapes[:1] * count
         stamps = [

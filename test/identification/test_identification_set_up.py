@@ -11,8 +11,8 @@ from rods import PAPER
 
 from dlo_ros.cli.main import main
 from dlo_ros.identification import OnlineEstimator, identify
+from dlo_ros.identification.information import widened
 from dlo_ros.identification.offline.set_up_estimate import mixed
-from dlo_ros.identification.residual_information import widened
 from dlo_ros.parameters import Settings, tolerance
 from dlo_ros.rod.sensitivity_parameters import variation_of
 

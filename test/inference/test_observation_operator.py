@@ -10,8 +10,8 @@ from challenge.generate import _recordings
 from challenge.manipulations import carry, swing, wave
 
 from dlo_ros.cli.main import main
-from dlo_ros.diagnosis.fitting.recording_noise import ALIKE_PARTS, TIP, with_bias
 from dlo_ros.identification import Manipulation, identify
+from dlo_ros.identification.offline.recording_noise import ALIKE_PARTS, TIP, with_bias
 from dlo_ros.inference.forecast import compared
 from dlo_ros.inference.measured import measured
 from dlo_ros.inference.observation_operator import noise_unit, operator_of

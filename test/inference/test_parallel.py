@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -118,8 +119,8 @@ def test_a_cluster_finds_the_same_though_a_worker_is_lost(tmp_path, recordings, 
             if len(done) == 2:
                 processes[1].kill()
 
-        here = bootstrap(recordings, found.fitted, count=6)
-        there = bootstrap(recordings, found.fitted, count=6, pool=pool, done=lose_one)
+        here = bootstrap(found.fitted, count=6)
+        there = bootstrap(found.fitted, count=6, pool=pool, done=lose_one)
         np.testing.assert_allclose(there, here, rtol=1e-6)
         assert sorted(done) == list(range(6))
         pool.close()
@@ -137,7 +138,7 @@ def test_a_scheduler_that_is_not_there_is_told():
 @pytest.mark.slow
 def test_the_sampled_posterior_is_that_of_the_curvature(recordings, found):
     """One informative shape is nearly linear in ln(E/mu), so both must agree."""
-    drawn = sample(recordings, searchable(GUESS), found.fitted, count=200, seed=1)
+    drawn = sample(searchable(GUESS), found.fitted, count=200, seed=1)
     low, middle, high = drawn.quantiles("specific_modulus")
     estimate = found.estimate
     assert drawn.effective > 40
@@ -152,19 +153,15 @@ def test_the_sampled_posterior_is_that_of_the_curvature(recordings, found):
 @pytest.mark.slow
 def test_a_bootstrap_scatters_as_the_estimate_says_and_goes_on(recordings, found):
     first = {}
-    all_at_once = bootstrap(
-        recordings, found.fitted, count=8, done=lambda k, t: first.update({k: t})
-    )
+    all_at_once = bootstrap(found.fitted, count=8, done=lambda k, t: first.update({k: t}))
     assert all_at_once.shape == (8, 4)
     ratio = all_at_once[:, 0] - all_at_once[:, 1]
     relative = found.estimate.specific_modulus_std / found.estimate.specific_modulus
     assert 0.1 * relative < np.std(ratio) < 5.0 * relative
     again = []
     kept = {k: first[k] for k in range(6)}
-    resumed = bootstrap(
-        recordings, found.fitted, count=8, before=kept, done=lambda k, t: again.append(k)
-    )
+    resumed = bootstrap(found.fitted, count=8, before=kept, done=lambda k, t: again.append(k))
     assert again == [6, 7]
     np.testing.assert_allclose(resumed, all_at_once)
     with pytest.raises(InputError, match="at least two"):
-        bootstrap(recordings[:1], found.fitted, count=2)
+        bootstrap(replace(found.fitted, recordings=found.fitted.recordings[:1]), count=2)

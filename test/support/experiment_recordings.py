@@ -5,8 +5,8 @@ import numpy as np
 import yaml
 
 from dlo_ros.diagnosis.findings.joint_learning import training_set
-from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.identification import Manipulation
+from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.observation import Observation
 from dlo_ros.synthesis.experiment import find_experiment, read_experiment
 from dlo_ros.synthesis.synthesize import measure

@@ -15,10 +15,10 @@ from typing import TypeVar
 import numpy as np
 from scipy.optimize import minimize
 
+from dlo_ros.diagnosis.contact import robust_fit
 from dlo_ros.diagnosis.contact.peg_places import Sight, TouchedPeg, apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import undisturbed
 from dlo_ros.diagnosis.contact.wall_places import TouchedWall, beside, walls
-from dlo_ros.diagnosis.fitting import robust_fit
 from dlo_ros.effects import Scene, Start
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.effects.physics.wall import StraightWall

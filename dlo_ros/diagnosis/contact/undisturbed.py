@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting import robust_fit
+from dlo_ros.diagnosis.contact import robust_fit
 from dlo_ros.effects import Scene
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference import joint, joint_fit

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Gain
-from dlo_ros.diagnosis.fitting.initial_fit import fitted
+from dlo_ros.identification.offline.initial_fit import fitted
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import APART

@@ -17,8 +17,8 @@ from dlo_ros.diagnosis.explain.joint_explanation import (
     prepare,
 )
 from dlo_ros.diagnosis.findings import holdout
-from dlo_ros.diagnosis.fitting.initial_fit import Beginning, drafts
 from dlo_ros.errors import SimulationError
+from dlo_ros.identification.offline.initial_fit import Beginning, drafts
 from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, rejudged, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import TO_REPORT

@@ -17,7 +17,7 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     SetupNumber,
 )
 from dlo_ros.effects import added_to_damping, damping_effect, effects, quantities
-from dlo_ros.identification.residual_information import model_shifts
+from dlo_ros.identification.information import model_shifts
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.parameter import Parameter, split_name
 from dlo_ros.inference.priors import DIAMETER_STD

@@ -35,11 +35,11 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
     with_plain_values,
 )
 from dlo_ros.diagnosis.findings.shape_views import views
-from dlo_ros.diagnosis.findings.without_own_error import without_own_error
-from dlo_ros.diagnosis.fitting.initial_fit import Beginning, whitened
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
 from dlo_ros.effects import added_to_damping, effects
 from dlo_ros.errors import SimulationError
+from dlo_ros.identification.offline.initial_fit import Beginning, whitened
+from dlo_ros.identification.offline.without_own_error import without_own_error
 from dlo_ros.inference.joint import Evaluation, Simulated, simulate
 from dlo_ros.inference.joint_fit import approached
 from dlo_ros.inference.measured import Recording

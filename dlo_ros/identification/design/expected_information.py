@@ -26,7 +26,7 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
 )
 from dlo_ros.identification.force_scale import grip_wrenches
-from dlo_ros.identification.residual_information import STRETCH_STIFFNESS, strain
+from dlo_ros.identification.information import STRETCH_STIFFNESS, strain
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast, whitening
 from dlo_ros.inference.joint import field
 from dlo_ros.inference.measured import Recording, measured

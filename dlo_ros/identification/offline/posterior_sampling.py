@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,12 +16,18 @@ from dlo_ros.identification.estimate import (
     search_information,
     with_logarithms,
 )
-from dlo_ros.identification.offline.material_fit import searched
-from dlo_ros.identification.offline.recording_identification import FittedMaterial
-from dlo_ros.inference.forecast import Forecast, Manipulation
+from dlo_ros.identification.offline.set_up_estimate import MaterialFit
+from dlo_ros.identification.offline.wrench_identification import ForceInformation
+from dlo_ros.inference.joint import as_fine, evaluate, field
+from dlo_ros.inference.joint_fit import WHITE_ITERATIONS, fit
+from dlo_ros.inference.losses import CORRELATED, WHITE
+from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parallel import Pool, Threads
+from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.spectrum import spectrum
 from dlo_ros.inference.weighted_quantiles import weighted_quantiles
 from dlo_ros.parameters import Settings
+from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
 
 BATCH_SIZE = 8  # samples that are simulated at once
@@ -54,9 +60,9 @@ class Sample:
 
 
 def sample(
-    train: Sequence[Manipulation],
     settings: Settings,
-    found: FittedMaterial,
+    found: MaterialFit,
+    forces: ForceInformation | None = None,
     *,
     count: int = 400,
     seed: int = 0,
@@ -65,13 +71,13 @@ def sample(
 ) -> Sample:
     """Sample the posterior: full simulations, weighted by how far the fit's gradient is from zero.
 
-    The gradient's covariance is that of the errors as they are (`residual_information`), so that
-    correlated residuals count as in the standard deviations; the curvature beyond the optimum is
-    the model's.
+    The gradient counts with the variances of the fit's errors, so that correlated residuals count
+    as in the standard deviations; the curvature beyond the optimum is the model's.
 
     Args:
-        train, settings: recordings and settings as they were given to the fit; settings searchable.
+        settings: settings as they were given to the fit; searchable.
         found: the fit.
+        forces: information of measured forces, which the fit contains.
         count: number of samples.
         seed: seed of the random numbers.
         pool: pool in which simulations run.
@@ -88,27 +94,31 @@ def sample(
     steps[0] = 0.0
     theta = np.where(usable, found.theta + steps, guess)
     chunks = [theta[k : k + BATCH_SIZE] for k in range(0, count, BATCH_SIZE)]
+    at, own = found.at, [k for k, p in enumerate(found.at.model.parameters) if not p.effect]
+    place = [MATERIAL.index(at.model.names[k]) for k in own]
     tasks = []
     for chunk in chunks:
         sets = [with_logarithms(found.settings, row) for row in chunk]
-        for recording, f, mask in zip(train, found.fit.forecasts, found.ignored, strict=True):
-            assert f.derivative is not None
-            tasks.append((recording, sets, f.spans, f.derivative, mask))
+        for recording, (_, j), v, s in zip(
+            found.recordings, at.fields, at.variances, at.spectra, strict=True
+        ):
+            tasks.append((recording, sets, j[:, own], 1.0 / v.of(s)))
     gradients = (pool or Threads()).map(_gradients, tasks, lambda k, _: done((k + 1) / len(tasks)))
-    per = len(train)
+    per = len(found.recordings)
     gradient = np.concatenate(
         [np.sum(gradients[k * per : (k + 1) * per], axis=0) for k in range(len(chunks))]
     )
-    inverse = np.linalg.pinv(found.fit.normal, rcond=1e-9, hermitian=True)
-    off_data = gradient @ inverse.T
+    hessian = CORRELATED.normal_equations(at)[0][np.ix_(own, own)]
+    off_data = np.zeros((count, len(MATERIAL)))
+    off_data[:, place] = gradient @ np.linalg.pinv(hessian, rcond=1e-9, hermitian=True)
     off_prior = np.where(usable, theta - guess, 0.0)
     shapes = found.information
     off_force = np.zeros(count)
-    if found.forces is not None:
-        shapes = shapes - found.forces.information
+    if forces is not None:
+        shapes = shapes - forces.information
         off = np.where(usable, theta - found.theta, 0.0)
-        off_force = np.einsum("kp,pq,kq->k", off, found.forces.information, off)
-        off_force -= 2.0 * off @ found.forces.gradient
+        off_force = np.einsum("kp,pq,kq->k", off, forces.information, off)
+        off_force -= 2.0 * off @ forces.gradient
     misfit = off_force + np.einsum("kp,pq,kq->k", off_data, shapes, off_data)
     misfit = misfit + np.einsum("kp,pq,kq->k", off_prior, prior, off_prior)
     proposed = np.einsum("kp,pq,kq->k", steps, found.information + prior, steps) / PROPOSAL_SCALE**2
@@ -120,21 +130,25 @@ def sample(
 
 
 def _gradients(
-    task: tuple[Manipulation, list[Settings], int, FloatArray, np.ndarray],
+    task: tuple[Recording, list[Settings], FloatArray, FloatArray],
 ) -> FloatArray:
-    """J^T r with the derivatives of the optimum, NaN where the simulation fails, shape (S, 4)."""
-    recording, sets, spans, derivative, ignored = task
+    """Gradients with the derivatives (F, P, K) and weights (B,) of the optimum, shape (S, P).
+
+    They are NaN where the simulation fails.
+    """
+    recording, sets, derivative, weight = task
     result = np.full((len(sets), derivative.shape[1]), np.nan)
-    for k, f in enumerate(forecast_each(recording, sets, spans=spans)):
+    fine = [as_fine(settings, recording) for settings in sets]
+    for k, f in enumerate(forecast_each(recording.manipulation, fine, spans=recording.spans)):
         if f is not None:
-            kept = np.where(ignored[:, None, None], 0.0, f.residual)
-            result[k] = np.einsum("fpic,fic->p", derivative, kept)
+            residual, _ = field(recording, f.predicted, None, np.zeros(0))
+            n = recording.observed.shape[1]
+            result[k] = weight @ spectrum(residual, derivative, n).gradient
     return result
 
 
 def bootstrap(
-    train: Sequence[Manipulation],
-    found: FittedMaterial,
+    found: MaterialFit,
     *,
     count: int = 50,
     seed: int = 0,
@@ -145,7 +159,6 @@ def bootstrap(
     """Fit recordings drawn with replacement, again and again.
 
     Args:
-        train: recordings as they were given to the fit.
         found: the fit, from which each starts.
         count: number of draws.
         seed: seed of the draws; the same seed draws the same recordings.
@@ -159,30 +172,25 @@ def bootstrap(
     Raises:
         InputError: fewer than two recordings.
     """
-    if len(train) < 2:
+    recordings = found.recordings
+    if len(recordings) < 2:
         raise InputError("a bootstrap over recordings needs at least two of them")
-    draws = np.random.default_rng(seed).integers(len(train), size=(count, len(train)))
+    draws = np.random.default_rng(seed).integers(len(recordings), size=(count, len(recordings)))
     known = before or {}
     missing = [k for k in range(count) if k not in known]
-    tasks = []
-    for k in missing:
-        chosen = [int(i) for i in draws[k]]
-        tasks.append(
-            (
-                [train[i] for i in chosen], found.settings, found.theta,
-                [found.fit.forecasts[i] for i in chosen], [found.ignored[i] for i in chosen],
-            )
-        )  # fmt: skip
+    own = tuple(p for p in found.at.model.parameters if not p.effect)
+    plain = ParametricModel(found.settings, own)
+    tasks = [(plain, [recordings[i] for i in draws[k]]) for k in missing]
     fits = (pool or Threads()).map(_refitted, tasks, lambda i, theta: done(missing[i], theta))
     results = {**known, **{k: t for k, t in zip(missing, fits, strict=True) if t is not None}}
     return np.array([results[k] for k in sorted(results)])
 
 
-def _refitted(
-    task: tuple[list[Manipulation], Settings, FloatArray, list[Forecast], list[np.ndarray]],
-) -> FloatArray | None:
+def _refitted(task: tuple[ParametricModel, list[Recording]]) -> FloatArray | None:
     """Logarithms of a fit to some recordings; None where it fails."""
+    model, recordings = task
     try:
-        return searched(*task).theta
+        at = fit(evaluate(model, recordings), recordings, WHITE_ITERATIONS, loss=WHITE)
     except SimulationError:
         return None
+    return logarithms(at.model.settings)

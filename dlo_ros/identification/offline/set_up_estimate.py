@@ -11,32 +11,25 @@ it open within its tolerance. The estimate is that of the likelier one, the cova
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import expit
 
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.estimate import logarithms, with_logarithms
-from dlo_ros.identification.offline.material_fit import seen
-from dlo_ros.identification.residual_information import determined_directions, model_shifts, widened
-from dlo_ros.inference.forecast import Manipulation
-from dlo_ros.inference.joint import (
-    Evaluation,
-    borrowed,
-    evaluate,
-    rejudged,
-    restricted,
-    simulate,
-)
-from dlo_ros.inference.joint_fit import ITERATIONS, fit, settled
+from dlo_ros.identification.estimate import logarithms
+from dlo_ros.identification.information import determined_directions, model_shifts, widened
+from dlo_ros.identification.offline.initial_fit import Beginning, finer
+from dlo_ros.identification.offline.without_own_error import without_own_error
+from dlo_ros.inference.joint import Evaluation, evaluate, restricted
+from dlo_ros.inference.joint_fit import ITERATIONS, expected_gain, fit, settled
 from dlo_ros.inference.losses import CORRELATED, TO_REPORT, WHITE, misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.thresholds import CLEARLY_LESS, NAMED, TRACKER_ERROR
-from dlo_ros.inference.time_steps import sufficient_time_steps
+from dlo_ros.inference.variances import posterior, widened_covariance
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
@@ -49,74 +42,92 @@ on the right branch a set-up within its tolerances comes nearer."""
 VALLEY_ITERATIONS = 8
 RIDGE = 1e-9
 """Information, in units of the likelier model's, that keeps what the other leaves open finite."""
+EXACT = 1e12
+"""Inverse variance of a number that is held."""
 
 
 @dataclass(frozen=True)
-class SetUp:
-    """E, mu and damping, with the estimated numbers of the set-up.
+class MaterialFit:
+    """E, mu and damping as recordings determine them.
 
     Args:
-        theta: ln (E, mu, c, t_r) of the likelier model.
-        information: information of the data on theta, shape (4, 4), averaged over both models.
-        settings: settings of the likelier model, the numbers of the set-up as effects.
-        values: numbers of the set-up with standard deviations; empty where it is exact.
+        at: the likelier model, fitted to the recordings.
+        recordings: the recordings without grossly wrong pictures, and what is compared of them.
+        information: information of the data on ln (E, mu, c, t_r), shape (4, 4), averaged over both
+            models.
+        set_up: numbers of the set-up with standard deviations; empty where it is exact.
+        error: the simulation's own error while the fit was looked for, mean distance [m]; NaN where
+            it was not judged.
+        left_out: number of pictures of each recording that are grossly wrong and left out.
     """
 
-    theta: FloatArray
+    at: Evaluation
+    recordings: tuple[Recording, ...]
     information: FloatArray
-    settings: Settings
-    values: dict[str, tuple[float, float]]
+    set_up: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    error: float = np.nan
+    left_out: tuple[int, ...] = ()
+
+    @property
+    def settings(self) -> Settings:
+        """The settings with the fitted numbers, those of the set-up as effects."""
+        return self.at.model.settings
+
+    @property
+    def theta(self) -> FloatArray:
+        """Ln (E, mu, c, t_r)."""
+        return logarithms(self.settings)
+
+    @property
+    def converged(self) -> bool:
+        """Whether another step would move no number by its standard deviation."""
+        return expected_gain(self.at, CORRELATED) < CORRELATED.least_gain(self.at)
 
 
-def weighed(
-    train: Sequence[Manipulation],
-    settings: Settings,
-    theta: FloatArray,
-    information: FloatArray,
-    ignored: Sequence[np.ndarray],
-    spans: Sequence[int],
-    given: Settings,
-    shifts: Sequence[FloatArray] = (),
-    long_steps: float | None = None,
-) -> SetUp:
+def weighed(begun: Beginning, given: Settings) -> MaterialFit:
     """Weigh the set-up as stated against one that is open within its tolerances.
 
     Args:
-        train: recordings.
-        settings: settings of the fit with the stated set-up, with the tolerance that was needed.
-        theta: ln (E, mu, c, t_r) of that fit.
-        information: information of that fit, shape (4, 4).
-        ignored: outlier pictures of each recording, shape (F,) each.
-        spans: knot spans of each recording's simulation.
+        begun: the plain model's fit.
         given: the parameter file, whose values the priors lie around.
-        shifts: shifts by which the simulation's own error may have moved theta, each (4,).
-        long_steps: tolerance of the time steps with which a search may begin; None: that of the
-            settings.
     """
-    exact = SetUp(theta, information, settings, {})
-    shortest = settings.simulation.tolerance
-    recordings = [
-        replace(seen(r, mask, settings), spans=s, tolerance=long_steps or shortest)
-        for r, mask, s in zip(train, ignored, spans, strict=True)
-    ]
-    names = imposed_names(train)
-    there = with_logarithms(settings, theta)
-    model = joint_model(there, given, scene(there, names, [r.observed for r in recordings]))
-    own = [p.name for p in model.parameters if not p.effect]
-    if len(own) == len(model.parameters):
-        return exact
+    recordings = begun.recordings
+    exact = fit(begun.at, recordings, ITERATIONS, loss=TO_REPORT)
     try:
-        start = evaluate(model, recordings)
-        stated = restricted(start, own).evidence
-        if start.posterior.evidence < stated - NAMED:
-            return exact
+        start = _open(exact, recordings, given)
+        if start is None or start.posterior.evidence < _stated(start) - NAMED:
+            return _fitted(begun, exact, recordings)
         at = _best_valley(settled(start, recordings), start, recordings)
-        at = _finished(at, recordings, long_steps or shortest, shortest)
+        sharper = finer(begun, at.model, {})
+        if sharper is not None:
+            recordings = sharper.recordings
+            exact = fit(evaluate(exact.model, recordings), recordings, ITERATIONS, loss=TO_REPORT)
+            start = evaluate(start.model, recordings)
+            at = evaluate(at.model, recordings, at.variances)
+        at = fit(at, recordings, ITERATIONS, loss=TO_REPORT)
     except SimulationError as err:
         LOG.warning("the set-up is taken as exact: with it open the simulation fails (%s)", err)
-        return exact
-    probability = float(expit(at.posterior.evidence - stated))
-    return _averaged(exact, at, probability, shifts)
+        return _fitted(begun, exact, recordings)
+    probability = float(expit(at.posterior.evidence - _stated(start)))
+    if probability <= 0.5:
+        return _fitted(begun, exact, recordings, at, probability)
+    return _fitted(begun, at, recordings, exact, 1.0 - probability)
+
+
+def _open(exact: Evaluation, recordings: Sequence[Recording], given: Settings) -> Evaluation | None:
+    """The set-up open at its stated values; None where no number of it has a tolerance."""
+    names = imposed_names([r.manipulation for r in recordings])
+    view = scene(exact.model.settings, names, [r.observed for r in recordings])
+    model = joint_model(exact.model.settings, given, view)
+    if not any(p.effect for p in model.parameters):
+        return None
+    return evaluate(model, recordings, exact.variances)
+
+
+def _stated(start: Evaluation) -> float:
+    """Log evidence of the set-up as stated."""
+    own = [p.name for p in start.model.parameters if not p.effect]
+    return restricted(start, own).evidence
 
 
 def _best_valley(at: Evaluation, start: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
@@ -138,57 +149,58 @@ def _best_valley(at: Evaluation, start: Evaluation, recordings: Sequence[Recordi
     return best
 
 
-def _finished(
-    at: Evaluation, recordings: Sequence[Recording], longest: float, shortest: float
-) -> Evaluation:
-    """The fit with time steps that are short enough for what an open set-up leaves, to its end.
+def _fitted(
+    begun: Beginning, likelier: Evaluation, recordings: Sequence[Recording],
+    other: Evaluation | None = None, probability: float = 0.0,
+) -> MaterialFit:  # fmt: skip
+    """The likelier of two models without its simulation's error, and the information of both.
 
     Args:
-        longest: tolerance of the time steps with which it was found.
-        shortest: tolerance of the time steps below which none are needed.
+        probability: posterior probability of the other model.
     """
-
-    def residuals(tolerance: float) -> Sequence[FloatArray]:
-        steps = [replace(r, tolerance=tolerance) for r in recordings]
-        return [r for r, _ in simulate(at.model, steps, ()).fields]
-
-    if longest > shortest:
-        found = max(sufficient_time_steps(residuals, [r for r, _ in at.fields]), shortest)
-        if found < longest:
-            recordings = [replace(r, tolerance=found) for r in recordings]
-            at = rejudged(borrowed(at, at.model, recordings))
-    return fit(at, recordings, ITERATIONS, loss=TO_REPORT)
-
-
-def _averaged(
-    exact: SetUp, at: Evaluation, probability: float, shifts: Sequence[FloatArray]
-) -> SetUp:
-    """The likelier of two models, and the covariance with both."""
-    model, settings = at.model, at.model.settings
-    theta, information = logarithms(settings), marginal_information(at)
-    place = [MATERIAL.index(p.name) for p in model.parameters if not p.effect]
-    rough = 0.0 if settings.rod.diameter_std else 2.0 * DIAMETER_STD
-    young_modulus = np.eye(len(MATERIAL))[MATERIAL.index("young_modulus")]
-    for shift in (*shifts, *model_shifts(settings, len(MATERIAL)), rough * young_modulus):
-        information = widened(information, shift)
-    apart = np.zeros(len(theta))
-    apart[place] = theta[place] - exact.theta[place]
-    if probability <= 0.5:
-        information = mixed(exact.information, information, probability, apart)
-        return replace(exact, information=information)
-    information = mixed(information, exact.information, 1.0 - probability, apart)
+    at, compared = without_own_error(likelier, recordings)
+    information = _information(at)
+    if other is not None:
+        apart = logarithms(at.model.settings) - logarithms(other.model.settings)
+        apart = np.where(np.isfinite(apart), apart, 0.0)
+        information = mixed(information, _information(other), probability, apart)
     spread = np.sqrt(np.diag(at.posterior.covariance))
-    found = {
+    set_up = {
         p.name: (float(p.outer(float(x))), p.outer_std(float(x), float(std)))
-        for p, x, std in zip(model.parameters, model.theta(), spread, strict=True)
+        for p, x, std in zip(at.model.parameters, at.model.theta(), spread, strict=True)
         if p.effect
     }
-    return SetUp(theta, information, settings, found)
+    return MaterialFit(at, tuple(compared), information, set_up, begun.error, begun.left_out)
+
+
+def _information(at: Evaluation) -> FloatArray:
+    """Information of the data on the material, with possible errors of theory and diameter."""
+    settings, information = at.model.settings, marginal_information(at)
+    shifts = model_shifts(settings, len(MATERIAL))
+    if any(p.effect for p in at.model.parameters) and not settings.rod.diameter_std:
+        shifts.append(2.0 * DIAMETER_STD * np.eye(len(MATERIAL))[MATERIAL.index("young_modulus")])
+    for shift in shifts:
+        information = widened(information, shift)
+    return information
 
 
 def marginal_information(at: Evaluation) -> FloatArray:
-    """Information of the data on the material, the set-up open with its priors, shape (4, 4)."""
-    return at.model.on_material(CORRELATED.normal_equations(at)[0])
+    """Information of the data on the material, the set-up open with its priors, shape (4, 4).
+
+    It is less where recordings disagree by more than their errors explain.
+    """
+    information = at.model.on_material(CORRELATED.normal_equations(at)[0])
+    # Of E and mu, shapes know the ratio alone: what they disagree on shows with mu held.
+    held, offset = at.model.precision(), at.model.offset()
+    held[at.model.index("density")] = EXACT
+    alike = posterior(at.spectra, at.variances, offset, held).covariance
+    wide = widened_covariance(at.spectra, at.variances, offset, held)
+    factor = np.ones(len(MATERIAL))
+    for k, p in enumerate(at.model.parameters):
+        if not p.effect:
+            factor[MATERIAL.index(p.name)] = np.sqrt(wide[k, k] / alike[k, k])
+    factor[MATERIAL.index("density")] = factor[MATERIAL.index("young_modulus")]
+    return np.asarray(information / np.outer(factor, factor))
 
 
 def mixed(

@@ -23,7 +23,7 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
 )
 from dlo_ros.identification.force_scale import bounded, grip_wrenches
-from dlo_ros.identification.residual_information import widened
+from dlo_ros.identification.information import widened
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.inference.parameter import value_of, with_value
@@ -96,7 +96,7 @@ def information_with_forces(
     theta: FloatArray,
     shapes: FloatArray,
     given: Settings,
-    spans: Sequence[int],
+    spans: Sequence[int | None],
     set_up: Mapping[str, tuple[float, float]],
     pool: Pool | None = None,
 ) -> ForceInformation | None:
@@ -185,7 +185,7 @@ def _on_mu(parts: Sequence[FloatArray]) -> FloatArray:
 
 
 def _fields(
-    pairs: Sequence[tuple[Manipulation, int]], at: Settings, given: Settings,
+    pairs: Sequence[tuple[Manipulation, int | None]], at: Settings, given: Settings,
     set_up: Mapping[str, tuple[float, float]], ratios: FloatArray, pool: Pool,
 ) -> list[WrenchField]:  # fmt: skip
     """Measured and predicted forces of all recordings, with derivatives by ln mu alone.
@@ -243,7 +243,7 @@ def _directions(at: Settings) -> list[tuple[FloatArray, float]]:
     return [*own, TOGETHER]
 
 
-def _borne(task: tuple[Manipulation, Settings, int]) -> Forecast | None:
+def _borne(task: tuple[Manipulation, Settings, int | None]) -> Forecast | None:
     """A forecast with loads; None where the simulation fails."""
     recording, settings, spans = task
     try:

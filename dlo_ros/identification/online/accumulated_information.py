@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces
+from dlo_ros.identification.information import model_shifts
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
-from dlo_ros.identification.residual_information import NormalEquations, model_shifts
+from dlo_ros.identification.residual_information import NormalEquations
 from dlo_ros.spline import FloatArray
 
 AUTOCORRELATION_EVERY = 10  # observations between looks at the correlation of the residuals

@@ -35,6 +35,7 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
     within_noise,
 )
+from dlo_ros.identification.information import model_shifts
 from dlo_ros.identification.online.accumulated_information import (
     AUTOCORRELATION_EVERY,
     FORGETTING,
@@ -51,7 +52,6 @@ from dlo_ros.identification.online.observed_window import ObservedWindow
 from dlo_ros.identification.online.online_force_scale import Forces
 from dlo_ros.identification.online.rival_branches import best_rival
 from dlo_ros.identification.online.set_up_errors import BEGINNING, SETTLED, SetUpErrors
-from dlo_ros.identification.residual_information import model_shifts
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings

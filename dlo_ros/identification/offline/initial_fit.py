@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting.recording_noise import with_bias, with_noise
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
 from dlo_ros.identification.material_model import material_model
+from dlo_ros.identification.offline.recording_noise import with_bias, with_noise
 from dlo_ros.inference.forecast import Manipulation, as_started, forecast
 from dlo_ros.inference.joint import Evaluation, Simulated, evaluate, simulate
 from dlo_ros.inference.joint_fit import fit
@@ -26,7 +26,7 @@ from dlo_ros.spline import DEGREE, FloatArray
 
 LOG = logging.getLogger(__name__)
 
-FACTORS = (1.0, 0.3, 3.0, 0.1, 10.0, 0.03, 30.0)
+FACTORS = (1.0, 0.3, 3.0, 0.1, 10.0, 0.03, 30.0, 0.01, 100.0)
 """Multiples of E from which the fit may start: far away a shape may lie on another branch."""
 VALLEYS = 3
 VALLEY_ITERATIONS = 6
@@ -137,7 +137,8 @@ def finer(
     """The initial fit with a simulation that is fine enough for a model that comes near the data.
 
     Args:
-        rough: drafts with which that model was found, by the number of their recording.
+        rough: drafts with which that model was found, by the number of their recording; none where
+            it was found without.
 
     Returns:
         None where the simulation's own error, and that of the drafts, is small beside what that
@@ -156,6 +157,8 @@ def finer(
     if _rms([a - b for a, b in zip(left, sharp, strict=True)]) >= most:
         at = fitted(beginning.at.model, recordings)
         return Beginning(recordings, at, error, beginning.left_out, fine)
+    if not rough:
+        return None
     drafts_of = list(rough.values())
     drafted = whitened(simulate(near, drafts_of, ()), drafts_of)
     own = [a - left[k][: len(a)] for k, a in zip(rough, drafted, strict=True)]

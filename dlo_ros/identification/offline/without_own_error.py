@@ -14,9 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.findings.joint_learning import FINAL_ITERATIONS
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.offline.material_fit import STEP_COARSER
 from dlo_ros.inference.joint import Evaluation, compared, field, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import TO_REPORT
@@ -25,8 +23,11 @@ from dlo_ros.inference.thresholds import IMMATERIAL
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
+STEP_SHORTER = 2.0
+"""Ratio of the time steps of two simulations that are compared."""
 ROUNDS = 3
-"""Simulations at most, each with time steps shorter by `STEP_COARSER` and twice the knot spans."""
+"""Simulations at most, each with shorter time steps and twice the knot spans."""
+ITERATIONS = 8
 
 
 def without_own_error(
@@ -61,19 +62,19 @@ def without_own_error(
         if change > last:  # where something is hit, finer simulations may not converge
             break
         best, adjusted, last = here, there, change
-        left = change / (STEP_COARSER**2 - 1.0)  # it falls with the square of the step
+        left = change / (STEP_SHORTER**2 - 1.0)  # it falls with the square of the step
         if left < IMMATERIAL:
             break
     if stds(best.posterior.step - at.posterior.step) < IMMATERIAL:
         return at, recordings
-    return fit(best, adjusted, FINAL_ITERATIONS, loss=TO_REPORT), adjusted
+    return fit(best, adjusted, ITERATIONS, loss=TO_REPORT), adjusted
 
 
 def _finer(recording: Recording, settings: Settings) -> Recording:
     """The recording simulated with shorter time steps, and twice the knot spans."""
     tolerance = recording.tolerance or settings.simulation.tolerance
     spans = recording.spans and 2 * recording.spans
-    return replace(recording, tolerance=tolerance / STEP_COARSER**3, spans=spans)
+    return replace(recording, tolerance=tolerance / STEP_SHORTER**3, spans=spans)
 
 
 def _compared_with(
