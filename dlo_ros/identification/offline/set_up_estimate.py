@@ -91,27 +91,23 @@ def weighed(begun: Beginning, given: Settings) -> MaterialFit:
         begun: the plain model's fit.
         given: the parameter file, whose values the priors lie around.
     """
-    recordings = begun.recordings
-    exact = fit(begun.at, recordings, ITERATIONS, loss=TO_REPORT)
+    exact, recordings = begun.at, begun.recordings
     try:
         start = _open(exact, recordings, given)
         if start is None or start.posterior.evidence < _stated(start) - NAMED:
-            return _fitted(begun, exact, recordings)
+            return _reported(begun, exact, recordings)
         at = _best_valley(settled(start, recordings), start, recordings)
+        probability = float(expit(at.posterior.evidence - _stated(start)))
+        if probability <= 0.5:
+            return _reported(begun, exact, recordings, at, probability)
         sharper = finer(begun, at.model, {})
         if sharper is not None:
             recordings = sharper.recordings
-            exact = fit(evaluate(exact.model, recordings), recordings, ITERATIONS, loss=TO_REPORT)
-            start = evaluate(start.model, recordings)
             at = evaluate(at.model, recordings, at.variances)
-        at = fit(at, recordings, ITERATIONS, loss=TO_REPORT)
+        return _reported(begun, at, recordings, exact, 1.0 - probability)
     except SimulationError as err:
         LOG.warning("the set-up is taken as exact: with it open the simulation fails (%s)", err)
-        return _fitted(begun, exact, recordings)
-    probability = float(expit(at.posterior.evidence - _stated(start)))
-    if probability <= 0.5:
-        return _fitted(begun, exact, recordings, at, probability)
-    return _fitted(begun, at, recordings, exact, 1.0 - probability)
+        return _reported(begun, exact, begun.recordings)
 
 
 def _open(exact: Evaluation, recordings: Sequence[Recording], given: Settings) -> Evaluation | None:
@@ -149,16 +145,18 @@ def _best_valley(at: Evaluation, start: Evaluation, recordings: Sequence[Recordi
     return best
 
 
-def _fitted(
+def _reported(
     begun: Beginning, likelier: Evaluation, recordings: Sequence[Recording],
     other: Evaluation | None = None, probability: float = 0.0,
 ) -> MaterialFit:  # fmt: skip
-    """The likelier of two models without its simulation's error, and the information of both.
+    """The likelier of two models, fitted to its end without its simulation's error, and the
+    information of both.
 
     Args:
         probability: posterior probability of the other model.
     """
     at, compared = without_own_error(likelier, recordings)
+    at = fit(at, compared, ITERATIONS, loss=TO_REPORT)
     information = _information(at)
     if other is not None:
         apart = logarithms(at.model.settings) - logarithms(other.model.settings)
