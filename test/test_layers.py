@@ -82,7 +82,6 @@ INSIDE = {
             "gradual_simulation",
             "identifiability",
             "material_model",
-            "residual_information",
         ),
         ("force_scale",),
         ("offline", "online", "design"),

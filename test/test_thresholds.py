@@ -33,7 +33,7 @@ SETTINGS = {
     "observation_operator.NEGLECTED",
     "observation_operator.SMALLEST_MODE",
     "recorded_inputs.LEAST",
-    "residual_information.DECAYED",
+    "linearised_model.FLAT",
     "residual_noise.DECAYED",
     "residual_noise.STILL",
     "wrench_identification.CLOSE",

@@ -14,41 +14,14 @@ from rods import PAPER
 
 from dlo_ros.identification import identify
 from dlo_ros.identification.identifiability import knowledge, sentences
+from dlo_ros.identification.information import NormalEquations
 from dlo_ros.identification.online.linearised_model import Linearised, PriorInformation
-from dlo_ros.identification.residual_information import (
-    NormalEquations,
-    residual_errors,
-)
 from dlo_ros.inference.measured import outliers
+from dlo_ros.inference.spectrum import spectrum
+from dlo_ros.inference.variances import Variances
 from dlo_ros.synthesis.experiment import find_experiment
 
 pytestmark = pytest.mark.long
-
-
-def test_noise_across_alone_is_told_from_noise_in_all_directions():
-    rng = np.random.default_rng(0)
-    direction = np.zeros((200, 10, 3))
-    direction[..., 0] = 1.0
-    white = rng.normal(size=(200, 10, 3)) * [0.0, 0.0, 1e-3]
-    white[..., 0] = 1e-12
-    across = residual_errors(white, direction)
-    assert across.across == pytest.approx(1e-6, rel=0.1)
-    assert across.along < 1e-12
-    both = residual_errors(rng.normal(size=(200, 10, 3)) * [1e-3, 0.0, 1e-3], direction)
-    assert both.across == pytest.approx(1e-6, rel=0.1)
-    assert both.along == pytest.approx(1e-6, rel=0.1)
-    assert both.constant < 0.05 * both.across
-
-
-def test_what_stays_from_picture_to_picture_is_found_below_the_noise():
-    rng = np.random.default_rng(1)
-    direction = np.zeros((100, 10, 3))
-    direction[..., 0] = 1.0
-    noise = rng.normal(size=(100, 10, 3)) * [0.0, 0.0, 1e-3]
-    bump = 5e-4 * np.sin(np.linspace(0.0, 3.0, 10))
-    noise[..., 2] += bump
-    errors = residual_errors(noise, direction)
-    assert errors.constant == pytest.approx(float(np.mean(bump**2)), rel=0.4)
 
 
 def test_pictures_that_jump_are_found_and_a_wrong_model_is_none():
@@ -123,7 +96,7 @@ def test_information_of_repeated_pictures_is_that_of_one():
 
 
 def test_what_stays_from_window_to_window_does_not_average_out():
-    hessian, staying = np.diag([4.0, 1.0]), np.array([[2.0], [1.0]])
+    hessian, staying = np.diag([4.0, 1.0]), np.array([[2.0, 1.0], [1.0, 0.5]])
     passing = NormalEquations(hessian, hessian, 0.0 * staying)
     once = passing.information()
     np.testing.assert_allclose(once, hessian)
@@ -134,8 +107,22 @@ def test_what_stays_from_window_to_window_does_not_average_out():
     many = both
     for _ in range(10_000):
         many = many.followed_by(both)
-    error = np.linalg.solve(hessian, staying[:, 0])
+    error = np.sqrt(1.25) * np.linalg.solve(hessian, staying[:, 0])
     np.testing.assert_allclose(np.linalg.inv(many.information()), np.outer(error, error), atol=2e-4)
+
+
+def test_repeated_pictures_are_one_measurement_and_new_noise_is_new_each_time():
+    rng = np.random.default_rng(4)
+    n, frames = 10, 90
+    moves = rng.normal(size=(frames, 2, 2 * n)) + 3.0
+    bins = spectrum(1e-3 * rng.normal(size=(frames, 2 * n)), moves, n)
+    none = np.full(2, 1e-30)
+    white = Variances(np.full(2, 1e-6), none, none, none, none, 0.5, np.zeros(2))
+    found = NormalEquations.of(bins, white)
+    np.testing.assert_allclose(found.information(), found.hessian / (1e-6 / n), rtol=1e-6)
+    stays = NormalEquations.of(bins, replace(white, lasting=np.full(2, 1e-6)))
+    assert np.all(np.diag(stays.staying) > 3.0 * np.diag(found.staying))
+    np.testing.assert_allclose(stays.passing, found.passing)
 
 
 def test_what_was_known_beforehand_counts_once_however_many_windows_there_are():

@@ -20,7 +20,7 @@ from dlo_ros.diagnosis.monitor.suspects import Suspects, suspects
 from dlo_ros.errors import DloError
 from dlo_ros.identification.cooperative_tasks import Pieces, Worker
 from dlo_ros.identification.identifiability import rounded
-from dlo_ros.identification.residual_information import discrepancy
+from dlo_ros.identification.information import discrepancy
 from dlo_ros.identification.residual_noise import divided_differences
 from dlo_ros.inference.forecast import Forecast, Manipulation
 from dlo_ros.inference.thresholds import OWN
@@ -167,7 +167,7 @@ def correlated_residual(found: Forecast, settings: Settings) -> CorrelatedResidu
     gaps = [divided_differences(field, times, order) for order in (2, 4)]
     noise = [float(np.median(np.sum(gap**2, axis=1))) for gap in gaps]
     common = float(np.mean(np.sum(field[1:] * field[:-1], axis=1)))
-    own = discrepancy(found, settings)
+    own = discrepancy(found.resolution_error, settings)
     return CorrelatedResidual(math.sqrt(max(common, 0.0)), math.sqrt(min(noise)), own)
 
 

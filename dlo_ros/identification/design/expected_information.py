@@ -225,7 +225,7 @@ def outlook(
     found = replace(found, derivative=derivative)
     covariance = np.linalg.inv(before + expected_data)
     std = {k: math.sqrt(max(float(c @ covariance @ c), 0.0)) for k, c in COMBINATIONS.items()}
-    # Rod theories differ by that much (see `residual_information`), and shapes show E D^2 / mu.
+    # Rod theories differ by that much (see `information`), and shapes show E D^2 / mu.
     theory = STRETCH_STIFFNESS * strain(settings)
     thickness = 2.0 * (settings.rod.diameter_std / settings.rod.diameter or DIAMETER_STD)
     for name in ("young_modulus", "specific_modulus"):

@@ -3,21 +3,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces
-from dlo_ros.identification.information import model_shifts
+from dlo_ros.identification.information import NormalEquations, discrepancy, model_shifts
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
-from dlo_ros.identification.residual_information import NormalEquations
+from dlo_ros.inference.spectrum import Spectrum
+from dlo_ros.inference.variances import Posterior, Variances, fit_variances
 from dlo_ros.spline import FloatArray
 
 AUTOCORRELATION_EVERY = 10  # observations between looks at the correlation of the residuals
 FORGETTING = 0.7  # weight of older windows: a DLO warms up and wears
+ITERATIONS, ROUNDS = 5, 8
+"""Iterations of the search for the variances in a piece of work, and pieces."""
 
 
 class AccumulatedInformation:
     """Normal equations of the present run, and of the windows before it.
 
     Attributes:
-        present: information of the present run, when it was last measured; None before.
+        present: normal equations of the present run, when they were last measured; None before.
         earlier: normal equations of older windows, in units of information; None where there are
             none.
     """
@@ -26,6 +34,7 @@ class AccumulatedInformation:
         self.present: NormalEquations | None = None
         self.earlier: NormalEquations | None = None
         self._measured: tuple[Run | None, int] = (None, 0)
+        self._variances: Variances | None = None
 
     def measure(self, run: Run, prior: PriorInformation) -> Pieces[None]:
         """Measure the information of a run, where that is not known or was measured long ago.
@@ -39,19 +48,29 @@ class AccumulatedInformation:
         if measured is run and recent and run.used >= AUTOCORRELATION_EVERY:
             return
         yield LONG
-        found = run.equations()
-        correlated = found.information(model_shifts(run.simulation.settings, 4))
+        used, bins, settings = run.used, run.spectrum(), run.simulation.settings
+        usable = np.isfinite(prior.guess)
+        offset = np.where(usable, prior.guess - run.at.theta, 0.0)
+        before = self._variances
+        start = [before] if before and len(before.white) == bins.parts else None
+        # From there the search goes on at the next look.
+        (variances,), _ = fit_variances(
+            [bins], offset, np.diag(prior.prior), settings.rod.length, start, ITERATIONS
+        )
+        # What the simulation and the theory do wrong themselves stays.
+        own = discrepancy(run.error, settings)
+        whole = replace(variances, lasting=variances.lasting + own**2)
+        self._variances, found = variances, NormalEquations.of(bins, whole)
+        correlated = found.information(model_shifts(settings, 4))
         white = run.at.normal[0, 0] * run.at.scale(prior.step(run.at))
         if correlated[0, 0] > 0.0:
             prior.autocorrelation_time = max(1.0, float(white / correlated[0, 0]))
-        self.present, self._measured = found, (run, run.used)
+        self.present, self._measured = found, (run, used)
 
     def weighed(
         self, run: Run, step: FloatArray, prior: PriorInformation
     ) -> NormalEquations | None:
         """Normal equations of all observations, in units of information.
-
-        Errors that stay in all pictures are the same in all windows, too.
 
         Args:
             run: the present one.
@@ -65,9 +84,21 @@ class AccumulatedInformation:
 
     def fold(self, run: Run, step: FloatArray, prior: PriorInformation) -> None:
         """Count the present window among the older ones; see `weighed`."""
-        if self.present is not None:
-            present, earlier = self.present.scaled(prior.scale(run.at, step)), self.earlier
-            self.earlier = (
-                present if earlier is None else earlier.remembered(FORGETTING).followed_by(present)
-            )
-        self.present = None
+        if self.present is not None and self.earlier is not None:
+            self.earlier = self.earlier.remembered(FORGETTING)
+        self.earlier, self.present = self.weighed(run, step, prior), None
+
+
+def fitted_variances(
+    bins: Spectrum, offset: FloatArray, precision: FloatArray, length: float,
+    start: Sequence[Variances] | None = None,
+) -> Pieces[tuple[tuple[Variances, ...], Posterior]]:  # fmt: skip
+    """Variances that maximise the marginal likelihood, some iterations at a time.
+
+    Args:
+        offset, precision, length, start: see `fit_variances`.
+    """
+    for _ in range(ROUNDS):
+        yield LONG
+        start, found = fit_variances([bins], offset, precision, length, start, ITERATIONS)
+    return tuple(start or ()), found

@@ -9,19 +9,21 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dlo_ros.identification.batched_forecast import Varied
-from dlo_ros.identification.residual_information import NormalEquations, normal_equations
 from dlo_ros.inference.forecast import Forecast, compared
+from dlo_ros.inference.observation_operator import directions
+from dlo_ros.inference.spectrum import Spectrum, spectrum
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.protocol import RodSimulation
 from dlo_ros.rod.resolution import RECHECK_RATIO
-from dlo_ros.spline import FloatArray
+from dlo_ros.spline import FloatArray, SplineBasis
 
 SMALLEST_STD = 1e-6  # [m] of a residual number; below is rounding
 SHORTEST_STEP = 0.01  # change of a logarithm that needs no new linearisation, and no message
 NUISANCE_WEIGHT = 0.1
 NEGLECTED = 1.0  # second-order part of a change of the shapes that may be neglected, in sigma
 LONGEST_STEP = 1.5  # change of a logarithm at one relinearisation
+FLAT = 1e-6  # of L: a residual out of the plane below that is none
 
 
 @dataclass
@@ -242,6 +244,23 @@ class Run:
             self.error,
         )
 
-    def equations(self) -> NormalEquations:
-        """Normal equations of its residuals, for what these are made of, in m^2."""
-        return normal_equations(self.forecast(), self.simulation.settings)
+    def spectrum(self) -> Spectrum:
+        """Its residuals across the DLO, along it and, in space, out of the plane, bin by bin."""
+        residuals, derivatives = np.array(self.residuals), np.array(self.derivatives)
+        n, length = residuals.shape[1], self.simulation.settings.rod.length
+        axes = np.stack(directions(_tangents(np.array(self.predicted))))
+        residual = np.einsum("dfnc,fnc->fdn", axes, residuals)
+        derivative = np.einsum("dfnc,fpnc->fpdn", axes, derivatives)
+        parts = 3 if np.abs(residual[:, 2]).max() > FLAT * length else 2
+        return spectrum(
+            residual[:, :parts].reshape(self.used, -1),
+            derivative[:, :, :parts].reshape(self.used, derivative.shape[1], -1),
+            n,
+        )
+
+
+def _tangents(predicted: FloatArray) -> FloatArray:
+    """Directions of predicted shapes (F, n, 4) at their control points' abscissae, (F, n, 3)."""
+    basis = SplineBasis(predicted.shape[1], 1.0)
+    slope = basis.matrix(basis.greville, 1) @ predicted[:, :, :3]
+    return np.asarray(slope / np.maximum(np.linalg.norm(slope, axis=2, keepdims=True), 1e-12))

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,15 +21,15 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces
 from dlo_ros.identification.estimate import Estimate
 from dlo_ros.identification.gradual_simulation import simulated
+from dlo_ros.identification.online.accumulated_information import fitted_variances
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
 from dlo_ros.identification.online.observed_window import ObservedWindow
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.measured import measured
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
-from dlo_ros.inference.spectrum import Spectrum, spectrum
+from dlo_ros.inference.spectrum import spectrum
 from dlo_ros.inference.thresholds import SMALL_SHARE
-from dlo_ros.inference.variances import Posterior, Variances, fit_variances
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
@@ -40,8 +39,6 @@ LOG = logging.getLogger(__name__)
 BEGINNING = 3  # observations before there is an estimate
 SETTLED = 0.8  # [s] of past before which neither tolerances nor resolution are worth a look
 SET_UP_GROWTH = 1.5  # of the past after which the set-up's tolerances are looked at again
-ITERATIONS, ROUNDS = 5, 8
-"""Iterations of the search for the variances in a piece of work, and pieces."""
 
 
 class SetUpErrors:
@@ -127,8 +124,9 @@ def _shifts(
     bins = spectrum(residual, jacobian, settings.rod.control_points)
     offset, precision, length = model.offset(), model.precision(), settings.rod.length
     pick = np.flatnonzero(own)
-    opened = yield from _fitted(bins, offset, precision, length)
-    exact = yield from _fitted(bins.chosen(pick.tolist()), offset[pick], precision[pick], length)
+    _, opened = yield from fitted_variances(bins, offset, precision, length)
+    plain = bins.chosen(pick.tolist())
+    _, exact = yield from fitted_variances(plain, offset[pick], precision[pick], length)
     probability = float(expit(opened.evidence - exact.evidence))
     set_up = np.flatnonzero(~own)
     off = opened.step[set_up]
@@ -144,18 +142,3 @@ def _shifts(
         covariance[young_modulus, young_modulus] += (2.0 * DIAMETER_STD) ** 2
     values, vectors = np.linalg.eigh(probability * covariance)
     return tuple(vectors.T * np.sqrt(np.maximum(values, 0.0))[:, None])
-
-
-def _fitted(
-    bins: Spectrum, offset: FloatArray, precision: FloatArray, length: float
-) -> Pieces[Posterior]:
-    """Posterior with variances that maximise the marginal likelihood, some iterations at a time.
-
-    Args:
-        offset, precision, length: see `fit_variances`.
-    """
-    start: Sequence[Variances] | None = None
-    for _ in range(ROUNDS):
-        yield LONG
-        start, found = fit_variances([bins], offset, precision, length, start, ITERATIONS)
-    return found
