@@ -33,6 +33,7 @@ from dlo_ros.inference.thresholds import (
     INDISPENSABLE,
     LOWERS,
     NAMED,
+    OWN,
     PROMISING,
     SAME_GAIN,
     WORTH,
@@ -133,7 +134,7 @@ def _guessed_dampings(at: Evaluation) -> list[Proposal]:
 
 def named(
     found: Search, setup: Evaluation, bares: Bares, recordings: Sequence[Recording],
-    begun: Sequence[Start], material: float, least: float, *, exact: bool = False,
+    begun: Sequence[Start], own: float, least: float, *, exact: bool = False,
 ) -> tuple[tuple[Cause, ...], dict[str, float]]:  # fmt: skip
     """The causes without which the best model is clearly worse, numbers of the set-up among them,
     and the change of ln(E / mu) without each effect that was added.
@@ -143,9 +144,11 @@ def named(
     law is another than the model's, a further effect mends that law a little. Where the set-up must
     leave its tolerance to do a cause's work, ERR does not tell how much that is. Correlated errors
     let fits drift from the shapes, by more than a cause may take away: what counts is how near the
-    model can come with it and without it.
+    model can come with it and without it. What comes so near takes part of the measurement's own
+    error away, too: that error is then no more than what is left with the cause.
 
     Args:
+        own: ERR of the measurement alone [m].
         setup: the set-up without causes, fitted: a fit without one of them that explains less has
             gone astray.
         exact: whether the set-up is as precise as the data tell: then all that is certain is named.
@@ -175,7 +178,7 @@ def named(
             continue
         if not exact and (group.start is not None or not is_beyond(at, group)):
             little = _taken_away(here, there, group) < least and not strains(bare, at)
-            if there.mean_err < material or little:
+            if there.mean_err < OWN * min(own, here.mean_err) or little:
                 continue
         offer = offer or offered(at, recordings, begun)
         rivals = _rivals(at, bare, group, recordings, offer)

@@ -209,7 +209,7 @@ def _concluded(
     own = own_err(found.at, recordings)
     material = material_err(own, given)
     least = _nameable_err(found, setup, prepared, own)
-    causes, shifts = named(found, setup, bares, recordings, begun, OWN * own, least, exact=exact)
+    causes, shifts = named(found, setup, bares, recordings, begun, own, least, exact=exact)
     if contact is not None:
         causes = tuple(_beside(c, contact) for c in causes)
     if found.at.mean_err >= material:
