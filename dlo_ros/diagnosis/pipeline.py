@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import cache, partial
 
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp, contacts_beside_set_up
-from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
+from dlo_ros.diagnosis.explain.measurement_error import material_err
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis
 from dlo_ros.diagnosis.findings.joint_learning import (
     Learned,
@@ -121,13 +121,13 @@ def _met(
     rough: Callable[[], Sequence[Recording]], plain: Evaluation, begun: TrainingSet,
     given: Settings, progress: Progress,
 ) -> list[ContactBesideSetUp]:  # fmt: skip
-    """Pegs and walls that the DLO may have hit, where the set-up alone leaves an ERR that matters.
+    """Pegs and walls that the DLO may have hit, where the set-up alone leaves so much that other
+    causes are looked for: what an impact leaves may look like an error that stays.
 
     Args:
         rough: function that gives the recordings with a coarse simulation.
     """
-    setup, recordings = begun.prepared.setup, begun.prepared.recordings
-    if setup.mean_err < material_err(own_err(setup, recordings), given):
+    if begun.prepared.setup.mean_err < material_err(0.0, given):
         return []
     progress("looking for what was hit", 0.0)
     return contacts_beside_set_up(rough(), given, plain, begun.prepared.scene)
