@@ -3,12 +3,12 @@
 
 For each pair the log evidence for an effect A that is there over another one, B, whose size is
 fitted instead, in shapes with white noise. A is so strong that it leaves a residual of one standard
-deviation of the noise in each number after E/mu and the dampings have been fitted. To first order
-in the sizes of A and B the log evidence is half the squared residual that B leaves over that of the
-noise, which is half the count of numbers for a B that imitates nothing of A; it is the same for A
-over B and for B over A. What has no first order (contact, yield, softening) is there in a small
-size. The set-up is exact. Printed are the matrix of each manipulation and, as a table, the pairs
-with less than CONFUSED in any of them.
+deviation of the noise in each number after E/mu and the dampings have been fitted, but for a
+damping that is A or B. To first order in the sizes of A and B the log evidence is half the squared
+residual that B leaves over that of the noise, which is half the count of numbers for a B that
+imitates nothing of A; it is the same for A over B and for B over A. What has no first order
+(contact, yield, softening) is there in a small size. The set-up is exact. Printed are the matrix of
+each manipulation and, as a table, the pairs with less than CONFUSED in any of them.
 """
 
 import argparse
@@ -110,15 +110,16 @@ def shapes(made, effects, **changes) -> np.ndarray:
     return np.array([p.control_points[:, [0, 2]] for p in found]).ravel()
 
 
-def traces(made) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Changes of the shapes by E and the dampings, as columns, and by each effect."""
+def traces(made) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Changes of the shapes by E and by the dampings, named as effects, and by each effect."""
     plain = shapes(made, {})
     truth = made.truth
-    material = [
-        shapes(made, {}, young_modulus=1.01 * truth.rod.young_modulus) - plain,
-        shapes(made, {}, air_drag=1.1 * truth.damping.air_drag) - plain,
-        shapes(made, {}, relaxation_time=1.1 * truth.damping.relaxation_time) - plain,
-    ]
+    drag, relaxation = truth.damping.air_drag, truth.damping.relaxation_time
+    material = {
+        "": shapes(made, {}, young_modulus=1.01 * truth.rod.young_modulus) - plain,
+        "air_drag": shapes(made, {}, air_drag=1.1 * drag) - plain,
+        "internal_damping": shapes(made, {}, relaxation_time=1.1 * relaxation) - plain,
+    }
     found = {}
     for label, values in EFFECTS.items():
         name = label.partition(",")[0]
@@ -129,7 +130,7 @@ def traces(made) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         found[label] = shapes(made, {name: sized}) - shapes(made, {name: bare})
     for label, values in finite(made, plain).items():
         found[label] = shapes(made, {label.partition(",")[0]: values}) - plain
-    return np.column_stack(material), found
+    return material, found
 
 
 def scaled(value: float | tuple[float, ...], factor: float) -> float | tuple[float, ...]:
@@ -145,21 +146,22 @@ def rest(columns: np.ndarray, trace: np.ndarray) -> np.ndarray:
 
 
 def matrix(made) -> tuple[list[str], np.ndarray]:
-    """Labels, and the log evidence for the row's effect over the column's."""
+    """Labels, and the log evidence for the row's effect over the column's.
+
+    A damping that is one of a pair is not fitted beside it.
+    """
     material, found = traces(made)
     labels = list(found)
     result = np.zeros((len(labels), len(labels)))
     for i, a in enumerate(labels):
-        left = rest(material, found[a])
-        if np.linalg.norm(left) < NOTHING * np.linalg.norm(found[a]) or not left.any():
-            result[i] = result[:, i] = np.nan  # it does not show here
-            continue
         for j, b in enumerate(labels):
-            if np.isnan(result[i, j]):
-                continue
-            both = rest(np.column_stack([material, found[b]]), found[a])
-            share = float(both @ both) / max(float(left @ left), 1e-300)
-            result[i, j] = 0.5 * len(left) * share if i != j else 0.0
+            fitted = np.column_stack([m for name, m in material.items() if name not in (a, b)])
+            left = rest(fitted, found[a])
+            if np.linalg.norm(left) < NOTHING * np.linalg.norm(found[a]) or not left.any():
+                result[i, j] = result[j, i] = np.nan  # it does not show here
+            elif i != j and not np.isnan(result[i, j]):
+                both = rest(np.column_stack([fitted, found[b]]), found[a])
+                result[i, j] = 0.5 * len(left) * float(both @ both) / float(left @ left)
     return labels, result
 
 

@@ -61,6 +61,10 @@ def test_a_tilt_is_a_force_and_a_table_is_no_tilt():
     tilt, force, table = map(labels.index, ("gravity_tilt", "constant_force, x", "wall, a table"))
     assert found[tilt, force] < 1.0 and found[force, tilt] < 1.0
     assert found[tilt, table] > 0.5 * confusion.FRAMES * 20 * 0.5
+    # A drag is fitted beside all other effects, but not beside another drag.
+    linear, quadratic = map(labels.index, ("air_drag", "quadratic_drag"))
+    assert found[linear, quadratic] == pytest.approx(found[quadratic, linear], rel=1e-6)
+    assert 1.0 < found[linear, quadratic] < 0.1 * found[linear, tilt]
     lines = confusion.confused(labels, [found], ["swing"])
     assert "| `gravity_tilt`, `constant_force, x` | 0 |" in lines
     assert not any("wall, a table`, `gravity" in line for line in lines)
