@@ -296,8 +296,7 @@ class Observer:
                 break
         assert self._found is not None
         check(*self._found, ends, self.camera, self.basis.length, self.settings.rod.diameter)
-        check_bridges(image, result.pixels, result.pixels_seen, result.width)
-        check_strips(image, result.pixels, result.pixels_seen, result.width, result.contrast)
+        _check_gaps(image, result)
         return result
 
     def _from_start(
@@ -373,11 +372,11 @@ class Observer:
         if last is not None:
             check_change(fit.seen_length, last.seen_length)
         pixels = self._project(fit.curve)
+        result = VisionResult.of(fit, located, pixels, tracked=last is not None)
         if final:
-            check_bridges(image, pixels, fit.curve_seen, located.width)
-            check_strips(image, pixels, fit.curve_seen, located.width, located.contrast)
+            _check_gaps(image, result)
         self._remember(stamp, fit, located, ends)
-        return VisionResult.of(fit, located, pixels, tracked=last is not None)
+        return result
 
     def _remember(self, stamp: int, fit: SplineFit, located: Located, ends: EndPoses) -> None:
         last = self._last
@@ -387,3 +386,13 @@ class Observer:
         else:
             self._velocity = None
         self._last = LastShape.of(stamp, curve, fit.seen_length, located, ends)
+
+
+def _check_gaps(image: Image, result: VisionResult) -> None:
+    """Refuse a course that leaves the DLO, or changes over to another strip, where it was unseen.
+
+    Raises:
+        VisionError: with the reason.
+    """
+    check_bridges(image, result.pixels, result.pixels_seen, result.width)
+    check_strips(image, result.pixels, result.pixels_seen, result.width, result.contrast)

@@ -39,14 +39,19 @@ def check_bridges(image: Image, pixels: FloatArray, seen: Mask, width: float) ->
         return
     course = resample(pixels, width / STEPS)
     visible = np.interp(np.linspace(0.0, 1.0, len(course)), _shares(pixels), seen) > 0.5
+    changes = np.flatnonzero(np.diff(np.concatenate([[True], visible, [True]]).astype(np.int8)))
+    # Near an end the DLO may have been held, or stop.
+    bridges = [
+        (first, last)
+        for first, last in changes.reshape(-1, 2)
+        if first > 0 and last < len(course) and last - first > LONGEST_BARE * STEPS
+    ]
+    if not bridges:
+        return
     normals = normals_of(smooth_curve(course, float(STEPS)))
     offsets = offsets_for(width)
-    changes = np.flatnonzero(np.diff(np.concatenate([[True], visible, [True]]).astype(np.int8)))
     index = np.arange(len(course))
-    for first, last in changes.reshape(-1, 2):
-        # Near an end the DLO may have been held, or stop.
-        if first == 0 or last == len(course) or last - first <= LONGEST_BARE * STEPS:
-            continue
+    for first, last in bridges:
         reach = round(NEARBY * STEPS)
         own = visible & (index >= first - reach) & (index < last + reach)
         if np.count_nonzero(own) < FEWEST_SECTIONS:

@@ -9,9 +9,8 @@ strip of the other one's colour.
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
@@ -59,19 +58,23 @@ def check_strips(
     if len(runs) < 2:
         return
     normals = normals_of(pixels)
-    inner = width * np.linspace(-CORE, CORE, 5)
-    outer = width * np.linspace(-NARROW, NARROW, 3)
-    offsets = np.concatenate([inner, BESIDE * width + outer, -BESIDE * width + outer])
-    sides = [len(inner), len(inner) + len(outer)]
-    colours = []  # of each part's middle and both sides, shape (3, 3)
-    for first, last in runs:
-        some = slice(first, last)
-        strip = np.median(strip_along(image, pixels[some], normals[some], offsets), axis=0)
-        colours.append(np.array([part.mean(axis=0) for part in np.split(strip, sides)]))
-    for before, after in pairwise(colours):
-        change = float(np.linalg.norm(before[0] - after[0]))
+    core: FloatArray = width * np.linspace(-CORE, CORE, 5)
+    beside: FloatArray = width * (BESIDE + np.linspace(-NARROW, NARROW, 3))
+
+    def usual(run: NDArray[np.int64], offsets: FloatArray) -> FloatArray:
+        """Usual colour of a part at a distance from its middle, BGR, shape (3,)."""
+        some = slice(run[0], run[1])
+        strip = np.sort(strip_along(image, pixels[some], normals[some], offsets), axis=0)
+        half = len(strip) // 2
+        median = strip[half] if len(strip) % 2 else 0.5 * (strip[half - 1] + strip[half])
+        return np.asarray(median.mean(axis=0))
+
+    own = [usual(run, core) for run in runs]
+    for k in range(len(runs) - 1):
+        change = float(np.linalg.norm(own[k] - own[k + 1]))
         if change > LEAST_CHANGE * contrast and all(
-            np.linalg.norm(one[1:] - other[0], axis=1).min() < NEARER * change
-            for one, other in ((before, after), (after, before))
+            min(np.linalg.norm(usual(runs[a], side) - own[b]) for side in (beside, -beside))
+            < NEARER * change
+            for a, b in ((k, k + 1), (k + 1, k))
         ):
             raise VisionError("what looks like the DLO changes over to a strip beside it")
