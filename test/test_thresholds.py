@@ -58,6 +58,7 @@ SETTINGS = {
     "wrench_messages.QUADRATIC",
     # When a live estimate is made, passed on or looked at again.
     "accumulated_information.AUTOCORRELATION_EVERY",
+    "delay_estimate.UNCHANGED",
     "online_estimator.ASSUMED_ERROR",
     "online_estimator.WINDOW",
     "online_force_scale.GROWTH",

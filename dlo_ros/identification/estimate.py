@@ -49,6 +49,8 @@ class Estimate:
         traded: pairs of parameters of which the data determine a combination far better than each.
         significant: whether it differs enough from what was last reported as significant to be
             passed on to a running simulation (online only).
+        delay: time by which the DLO moves later than commanded, and its std [s]; None: not known
+            (online only).
     """
 
     settings: Settings
@@ -62,6 +64,7 @@ class Estimate:
     covariance: FloatArray
     traded: tuple[tuple[str, str], ...] = ()
     significant: bool = False
+    delay: tuple[float, float] | None = None
 
 
 def searchable(settings: Settings) -> Settings:

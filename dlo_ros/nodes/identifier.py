@@ -231,6 +231,8 @@ class IdentifierNode(DloNode):
             std = getattr(estimate, f"{name}_std")
             values[f"{name} std [{unit}]"] = "unbounded" if std is None else float(std)
             values[f"{name} identifiable"] = bool(estimate.identifiable.get(name, False))
+        delay, std = estimate.delay or ("unknown", "unknown")
+        values["command delay [s]"], values["command delay std [s]"] = delay, std
         values["traded"] = "; ".join(f"{a} and {b}" for a, b in estimate.traded) or "none"
         known = [name for name, yes in estimate.identifiable.items() if yes]
         state = "paused" if self._paused else "estimating"

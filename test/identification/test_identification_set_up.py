@@ -20,6 +20,7 @@ pytestmark = pytest.mark.long
 
 RATIO = PAPER.rod.specific_modulus
 TURNED = 0.04  # [rad]
+DELAY = 0.05  # [s]
 
 
 def with_values(settings, **values):
@@ -121,6 +122,24 @@ def test_live_the_set_up_waits_for_the_time_between_pictures(turned, guess):
     after = estimator.estimate
     assert after.specific_modulus == before.specific_modulus
     assert after.specific_modulus_std > 2.0 * before.specific_modulus_std
+
+
+def test_live_a_delay_of_the_pictures_is_found_unless_it_is_stated(guess):
+    recording = swing(PAPER, seconds=1.5)
+    late = replace(recording, commands=tuple(c.later(-DELAY) for c in recording.commands))
+    value, std = live_estimate(late, guess).delay
+    assert abs(value - DELAY) < min(3.0 * std, 5e-4)
+    assert std < 2e-3
+    stated = live_estimate(late, with_values(guess, effects__command_delay__delay=DELAY))
+    assert stated.delay is None
+    assert stated.specific_modulus == pytest.approx(RATIO, rel=0.01)
+
+
+def test_live_a_rod_at_rest_tells_no_delay(guess):
+    value, std = live_estimate(at_rest(PAPER, same=False), guess).delay
+    known = tolerance(guess, "command_delay.delay")
+    assert abs(value) < known
+    assert std == pytest.approx(known, rel=0.05)
 
 
 def test_a_negative_std_is_told_in_a_line(tmp_path, capsys):

@@ -370,6 +370,7 @@ class OnlineEstimator:
         low, high = self._guess - np.log(1e4), self._guess + np.log(1e4)
         theta = np.where(np.isfinite(self._guess), np.clip(theta, low, high), self._guess)
         estimate = summarise(self._initial, theta, information)
+        estimate = replace(estimate, delay=self._set_up.delay.found)
         change = logarithms(estimate.settings)[:2] - self._passed
         whole = estimate.identifiable["density"]
         scale = float(np.abs(change).max()) * (1.0 if whole else UNKNOWN_WEIGHT)

@@ -22,6 +22,7 @@ from dlo_ros.identification.cooperative_tasks import LONG, Pieces
 from dlo_ros.identification.estimate import Estimate
 from dlo_ros.identification.gradual_simulation import simulated
 from dlo_ros.identification.online.accumulated_information import fitted_variances
+from dlo_ros.identification.online.delay_estimate import DelayEstimate
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
 from dlo_ros.identification.online.observed_window import ObservedWindow
 from dlo_ros.inference.forecast import Manipulation
@@ -49,10 +50,12 @@ class SetUpErrors:
 
     Attributes:
         shifts: errors of ln (E, mu, c, t_r), see `_shifts`.
+        delay: delay of what is seen behind the commands.
     """
 
     def __init__(self, given: Settings) -> None:
         self.shifts: tuple[FloatArray, ...] = ()
+        self.delay = DelayEstimate(given)
         self._given = given
         self._examined: tuple[int, float] = (0, math.nan)  # when: observations, ln(E/mu)
 
@@ -87,6 +90,7 @@ class SetUpErrors:
         settings, spans = estimate.settings, run.simulation.basis.spans
         try:
             self.shifts = yield from _shifts(seen, settings, self._given, spans, scale, prior.prior)
+            yield from self.delay.compute(seen, settings, spans)
         except SimulationError as err:
             LOG.info("the set-up's tolerances are not looked at: %s", err)
 
