@@ -132,6 +132,7 @@ def test_diagnostics_say_what_the_data_determine(playing):
     assert float(values["specific_modulus [m^2/s^2]"]) > 0
     assert float(values["specific_modulus std [m^2/s^2]"]) > 0
     assert values["specific_modulus identifiable"] == "yes"
+    assert int(playing.values("simulator")["predictions"]) >= 100
 
 
 def test_diagnostics_tell_that_the_clocks_are_one(playing):
@@ -141,8 +142,8 @@ def test_diagnostics_tell_that_the_clocks_are_one(playing):
 
     playing.client.until(lambda: "unknown" not in delay(), 120.0, "the delay")
     value, std = map(float, delay())
-    assert abs(value) < 3.0 * std < 0.01
-    assert int(playing.values("simulator")["predictions"]) >= 100
+    assert abs(value) < 3.0 * std
+    assert std < tolerance(GUESS, "command_delay.delay")  # the pictures tell more than is known
 
 
 @pytest.mark.slow
