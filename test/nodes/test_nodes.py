@@ -28,6 +28,7 @@ from std_srvs.srv import SetBool, Trigger
 from dlo_ros.command import Motion
 from dlo_ros.nodes.qos import LATCHED
 from dlo_ros.observation import Observation
+from dlo_ros.parameters import tolerance
 from dlo_ros.recordings import (
     BAG_MESSAGES,
     BagWriter,
