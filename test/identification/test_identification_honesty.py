@@ -12,9 +12,12 @@ from experiment_recordings import recorded
 from measured import at_rest, swing
 from rods import PAPER
 
+from dlo_ros.errors import SimulationError
 from dlo_ros.identification import identify
+from dlo_ros.identification.cooperative_tasks import exhausted
 from dlo_ros.identification.identifiability import knowledge, sentences
 from dlo_ros.identification.information import NormalEquations
+from dlo_ros.identification.online.accumulated_information import fitted_variances
 from dlo_ros.identification.online.linearised_model import Linearised, PriorInformation
 from dlo_ros.inference.measured import outliers
 from dlo_ros.inference.spectrum import spectrum
@@ -123,6 +126,13 @@ def test_repeated_pictures_are_one_measurement_and_new_noise_is_new_each_time():
     stays = NormalEquations.of(bins, replace(white, lasting=np.full(2, 1e-6)))
     assert np.all(np.diag(stays.staying) > 3.0 * np.diag(found.staying))
     np.testing.assert_allclose(stays.passing, found.passing)
+
+
+def test_derivatives_beyond_all_bounds_are_told():
+    with np.errstate(over="ignore", invalid="ignore"):
+        bins = spectrum(np.zeros((20, 20)), np.full((20, 2, 20), 1e160), 10)
+        with pytest.raises(SimulationError, match="beyond all bounds"):
+            exhausted(fitted_variances(bins, np.zeros(2), np.ones(2), 0.4))
 
 
 def test_what_was_known_beforehand_counts_once_however_many_windows_there_are():

@@ -75,7 +75,7 @@ class MaterialFit:
 
     @property
     def theta(self) -> FloatArray:
-        """Ln (E, mu, c, t_r)."""
+        """Logarithms of (E, mu, c, t_r), shape (4,)."""
         return logarithms(self.settings)
 
     @property

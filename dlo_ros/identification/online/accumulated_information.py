@@ -8,9 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from dlo_ros.errors import SimulationError
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces
 from dlo_ros.identification.information import NormalEquations, discrepancy, model_shifts
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
+from dlo_ros.inference.joint import BOUNDLESS
 from dlo_ros.inference.spectrum import Spectrum
 from dlo_ros.inference.variances import Posterior, Variances, fit_variances
 from dlo_ros.spline import FloatArray
@@ -54,9 +56,12 @@ class AccumulatedInformation:
         before = self._variances
         start = [before] if before and len(before.white) == bins.parts else None
         # From there the search goes on at the next look.
-        (variances,), _ = fit_variances(
-            [bins], offset, np.diag(prior.prior), settings.rod.length, start, ITERATIONS
-        )
+        try:
+            (variances,), _ = fit_variances(
+                [bins], offset, np.diag(prior.prior), settings.rod.length, start, ITERATIONS
+            )
+        except np.linalg.LinAlgError:  # derivatives are too large for a likelihood
+            return
         # What the simulation and the theory do wrong themselves stays.
         own = discrepancy(run.error, settings)
         whole = replace(variances, lasting=variances.lasting + own**2)
@@ -97,8 +102,14 @@ def fitted_variances(
 
     Args:
         offset, precision, length, start: see `fit_variances`.
+
+    Raises:
+        SimulationError: derivatives are too large for a likelihood.
     """
     for _ in range(ROUNDS):
         yield LONG
-        start, found = fit_variances([bins], offset, precision, length, start, ITERATIONS)
+        try:
+            start, found = fit_variances([bins], offset, precision, length, start, ITERATIONS)
+        except np.linalg.LinAlgError as err:
+            raise SimulationError(BOUNDLESS) from err
     return tuple(start or ()), found
