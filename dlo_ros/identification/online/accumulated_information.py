@@ -55,12 +55,11 @@ class AccumulatedInformation:
         offset = np.where(usable, prior.guess - run.at.theta, 0.0)
         before = self._variances
         start = [before] if before and len(before.white) == bins.parts else None
-        # From there the search goes on at the next look.
-        try:
-            (variances,), _ = fit_variances(
-                [bins], offset, np.diag(prior.prior), settings.rod.length, start, ITERATIONS
+        try:  # from there the search goes on at the next look
+            (variances,), _ = _fitted(
+                bins, offset, np.diag(prior.prior), settings.rod.length, start
             )
-        except np.linalg.LinAlgError:  # derivatives are too large for a likelihood
+        except SimulationError:
             return
         # What the simulation and the theory do wrong themselves stays.
         own = discrepancy(run.error, settings)
@@ -108,8 +107,19 @@ def fitted_variances(
     """
     for _ in range(ROUNDS):
         yield LONG
-        try:
-            start, found = fit_variances([bins], offset, precision, length, start, ITERATIONS)
-        except np.linalg.LinAlgError as err:
-            raise SimulationError(BOUNDLESS) from err
+        start, found = _fitted(bins, offset, precision, length, start)
     return tuple(start or ()), found
+
+
+def _fitted(
+    bins: Spectrum, offset: FloatArray, precision: FloatArray, length: float,
+    start: Sequence[Variances] | None,
+) -> tuple[tuple[Variances, ...], Posterior]:  # fmt: skip
+    """Some iterations of `fitted_variances`."""
+    try:
+        variances, found = fit_variances([bins], offset, precision, length, start, ITERATIONS)
+    except np.linalg.LinAlgError as err:
+        raise SimulationError(BOUNDLESS) from err
+    if not np.isfinite(found.evidence):
+        raise SimulationError(BOUNDLESS)
+    return variances, found
