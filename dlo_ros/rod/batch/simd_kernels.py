@@ -23,6 +23,7 @@ from dlo_ros.rod.simd.eight_lanes import (
     load,
     root,
     row_address,
+    somewhere,
     spread,
     store,
 )  # fmt: skip
@@ -46,7 +47,7 @@ class Scratch(NamedTuple):
     gradient: FloatArray  # (d n,)
     step: FloatArray  # (d n + 7,) right-hand side and solution
     band: FloatArray  # (8 (2 n + 7),) or (64 n,) matrix, then its factors
-    point: FloatArray  # (3 * 14,) or (3 * 36,) forces and second derivatives at a span's points
+    point: FloatArray  # (3 * 14,) or (3 * 42,) forces and second derivatives at a span's points
     line: FloatArray  # (16,) or (85,) derivatives of a span's mean stretch, of its tilt and so on
     tangent: FloatArray  # (2 nb,) or (3 nb,) unit tangents when last assembled
 
@@ -132,8 +133,8 @@ def assemble(q, tables, law, scratch, matrix, tension, first):
             store(band, at + m + 1, zero)
             store(band, at + COLUMN + m, x)
             store(band, at + COLUMN + m + 1, zero)
-    for span in range(tables.spans):
-        if entry(tables.together.single, span) > 0.0:
+    if tables.together.groups == 0:
+        for span in range(tables.spans):
             _add_span(q, tables, law, scratch, span, tension, first)
     for group in range(tables.together.groups):
         _add_group(q, tables, law, scratch, group, tension, first)
@@ -144,7 +145,7 @@ def _add_span(q, tables, law, scratch, span, tension, first):
     """Add a span to gradient and Hessian."""
     lo, hi = tables.lo, tables.hi
     gradient, band, point = scratch.gradient, scratch.band, scratch.point
-    linear = entry(tables.linear, span) > 0.0
+    linear = entry(tables.linear, span)
     _points(q, tables, law, scratch, span, linear, tension, first)
     for i in range(4):
         if lo <= span + i < hi:
@@ -157,8 +158,8 @@ def _add_span(q, tables, law, scratch, span, tension, first):
                 z += u * load(point, k + 1) + v * load(point, k + 3)
             store(gradient, at, x)
             store(gradient, at + 1, z)
-    if linear:
-        _add_line(scratch, law, span, lo, hi)
+    if somewhere(linear):
+        _add_line(scratch, law, linear, span, lo, hi)
     pair = 0
     for i in range(4):
         for j in range(i + 1):
@@ -209,11 +210,17 @@ def _add_group(q, tables, law, scratch, group, tension, first):
 
 @njit(from_python=False)
 def _points(q, tables, law, scratch, span, linear, tension, first):
-    """Forces on p and s (4 rows) and second derivatives (10 rows) at a span's three points."""
+    """Forces on p and s (4 rows) and second derivatives (10 rows) at a span's three points.
+
+    Args:
+        linear: 1 where the straight line through a span's stretches counts, or 0, a number or one
+            for each lane.
+    """
     point, line, zero = scratch.point, scratch.line, spread(0.0)
+    lines, single = somewhere(linear), 1.0 - linear
     # Where a straight line counts: lengths at all points first, and those promised.
     mean, tilt, next_mean, next_tilt = zero, zero, zero, zero
-    if linear:
+    if lines:
         mean, tilt = _lengths(q, tables, span, scratch.tangent, False)
         next_mean, next_tilt = _lengths(q, tables, span, scratch.tangent, True)
         for k in range(16):
@@ -238,19 +245,19 @@ def _points(q, tables, law, scratch, span, linear, tension, first):
         hxz = bend * kpx * kpz + m * (sz * pz - sx * px) + q15 * px * pz
         hzz = bend * kpz * kpz - 2.0 * m * sx * pz - fs + q15 * pz * pz
         fx, fz = stress * kpx, stress * kpz
-        if linear or g == 1:
-            stiff = load(law.stretch, e)
+        if lines or g == 1:
+            stiff = counts(linear, single, g) * load(law.stretch, e)
             rest = load(law.stretch_rest, e) + 1.0
-            if linear:
-                pull = stiff * (mean + float(g - 1) * tilt - rest)
-                promised = stiff * (next_mean + float(g - 1) * next_tilt - rest)
-            else:
-                stiff *= 1.0 / MIDDLE
-                pull = stiff * (n - rest)
-                promised = stiff * (_along(scratch.tangent, e, px, pz) - rest)
-                hxx += stiff * tx * tx
-                hxz += stiff * tx * tz
-                hzz += stiff * tz * tz
+            long, next_long = n, _along(scratch.tangent, e, px, pz)
+            if lines:
+                long = single * n + linear * (mean + float(g - 1) * tilt)
+                next_long = single * next_long + linear * (next_mean + float(g - 1) * next_tilt)
+            pull = stiff * (long - rest)
+            promised = stiff * (next_long - rest)
+            firm = single * stiff
+            hxx += firm * tx * tx
+            hxz += firm * tx * tz
+            hzz += firm * tz * tz
             if first:
                 promised = load(tension, e)
             fx += pull * tx
@@ -261,7 +268,7 @@ def _points(q, tables, law, scratch, span, linear, tension, first):
             hzz += soft * tx * tx
             store(scratch.tangent, 2 * e, tx)
             store(scratch.tangent, 2 * e + 1, tz)
-        if linear:
+        if lines:
             share = MIDDLE if g == 1 else OUTER
             slope = np.sqrt(2.0 * OUTER) * 0.5 * float(g - 1)
             for i in range(4):
@@ -288,6 +295,14 @@ def _points(q, tables, law, scratch, span, linear, tension, first):
 
 
 @njit(inline="always")
+def counts(linear, single, g):
+    """How often the stretch at point g of a span counts: that of its middle stands for all, unless
+    the straight line counts.
+    """
+    return linear + (1.0 / MIDDLE) * single if g == 1 else linear
+
+
+@njit(inline="always")
 def _along(tangent, e, px, pz):
     """Length of p to first order about its last value: its share along that one's direction."""
     return load(tangent, 2 * e) * px + load(tangent, 2 * e + 1) * pz
@@ -309,8 +324,8 @@ def _lengths(q, tables, span, tangent, promised):
 def tensions(stretch, law, tables, out):
     """Write the tensions that `assemble` takes, from stretches of whole spans (nb, LANES)."""
     for e in range(3 * tables.spans):
-        share = 1.0 if entry(tables.linear, e // 3) > 0.0 else 1.0 / MIDDLE
-        stiff = share * load(law.stretch, e)
+        linear = entry(tables.linear, e // 3)
+        stiff = counts(linear, 1.0 - linear, e % 3) * load(law.stretch, e)
         store(out, e, stiff * (load(stretch, e) - load(law.stretch_rest, e)))
 
 
@@ -340,12 +355,12 @@ def _add_block(point, products, row, band, j, apart):
 
 
 @njit(from_python=False)
-def _add_line(scratch, law, span, lo, hi):
+def _add_line(scratch, law, linear, span, lo, hi):
     """Add the square of a span's linear stretch, see `element_stiffness.add_squares`."""
     line, band = scratch.line, scratch.band
     # law.stretch has the points' weights, which sum to the span's length.
     stiff = (load(law.stretch, 3 * span) + load(law.stretch, 3 * span + 1)
-             + load(law.stretch, 3 * span + 2))  # fmt: skip
+             + load(law.stretch, 3 * span + 2)) * linear  # fmt: skip
     first, last = max(0, 2 * (lo - span)), min(8, 2 * (hi - span))
     for b in range(first, last):
         mean, tilt = stiff * load(line, b), stiff * load(line, 8 + b)

@@ -28,7 +28,7 @@ class Tables(NamedTuple):
     lo: int  # first control point with something free
     hi: int  # one after the last one
     fixed: FloatArray  # (dof n,) 0: free, TARGET or KEPT
-    linear: FloatArray  # (spans,) 1 where the straight line through a span's stretches counts
+    linear: FloatArray  # (spans,) 1 where the straight line through a span's stretches counts, or 0
     twist_linear: FloatArray  # (spans,) the same for twist
     b: FloatArray  # (nb, 4)
     b1: FloatArray  # (nb, 4)
@@ -54,8 +54,7 @@ def tables_of(rule: Quadrature, fixed: FloatArray, *, alone: bool = False) -> Ta
         for c, (left, right) in enumerate(((b1, b1), (b1, b2), (b2, b1), (b2, b2))):
             products[:, p, :, c] = left[:, :, i] * right[:, :, j]
     linear, twisted = rule.stretch_linear.astype(np.float64), rule.twist_linear.astype(np.float64)
-    single = rule.stretch_linear | (rule.twist_linear & (fixed.shape[1] == 4))
-    together = span_lanes(rule, products, single | (not alone), fixed.shape[1])
+    together = span_lanes(rule, products, fixed.shape[1], alone=alone)
     return Tables(
         len(fixed), fixed.shape[1], spans, lo, hi, fixed.astype(np.float64).ravel(), linear,
         twisted, rule.b, rule.b1, rule.b2, products, together,
@@ -71,8 +70,9 @@ def addresses(tables):
         address(tables.linear), address(tables.twist_linear), address(tables.b),
         address(tables.b1), address(tables.b2), address(tables.products),
         SpanLanes(
-            s.groups, s.size, address(s.numbers), address(s.single), address(s.b), address(s.b1),
-            address(s.b2), address(s.products), address(s.none), address(s.work),
+            s.groups, s.size, address(s.numbers), address(s.linear), address(s.twist_linear),
+            address(s.b), address(s.b1), address(s.b2), address(s.products), address(s.none),
+            address(s.work),
         ),
     )  # fmt: skip
 
@@ -82,7 +82,8 @@ def local_tables(tables, group):
     """Tables of a group of spans in lanes, as those of a rod of one span."""
     s = tables.together
     return Tables(
-        4, tables.dof, 1, 0, 4, s.none, s.none, s.none, table_address(s.b, BASIS * group),
+        4, tables.dof, 1, 0, 4, s.none, table_address(s.linear, group),
+        table_address(s.twist_linear, group), table_address(s.b, BASIS * group),
         table_address(s.b1, BASIS * group), table_address(s.b2, BASIS * group),
         table_address(s.products, PRODUCT_ROWS * group), s,
     )  # fmt: skip

@@ -3,12 +3,12 @@
 
 Their numbers are gathered to rows as if each were a rod of four control points, in a lane of its
 own; forces and stiffness are scattered back to all lanes. Spans whose stretch or twist is a
-straight line are assembled one by one.
+straight line come first, so that few groups have to look at such lines.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,40 +29,40 @@ class SpanLanes(NamedTuple):
     groups: int  # 0 where lanes hold several rods
     size: int  # spans in them
     numbers: FloatArray  # (LANES groups,) numbers of the spans
-    single: FloatArray  # (spans,) not 0 where a span is assembled by itself
+    linear: FloatArray  # (groups, 1, LANES) see `simd_tables.Tables`
+    twist_linear: FloatArray
     b: FloatArray  # (groups, BASIS, LANES)
     b1: FloatArray
     b2: FloatArray
     products: FloatArray  # (groups, PRODUCT_ROWS, LANES)
-    none: FloatArray  # (16,) zeros: nothing is held, nothing is a line
+    none: FloatArray  # (16,) zeros: nothing is held
     work: FloatArray  # (rows, LANES)
 
 
-def span_lanes(
-    rule: Quadrature, products: FloatArray, single: NDArray[np.bool_], dof: int
-) -> SpanLanes:
+def span_lanes(rule: Quadrature, products: FloatArray, dof: int, *, alone: bool) -> SpanLanes:
     """The spans of one rod in lanes.
 
     Args:
         rule: points and basis functions of all spans.
         products: see `simd_tables.Tables`.
-        single: which spans are assembled by themselves, shape (spans,).
         dof: numbers of a control point.
+        alone: whether all lanes hold the same rod; else there are no groups.
     """
-    chosen = np.flatnonzero(~single)
-    groups = -(-len(chosen) // LANES)
-    order = np.minimum(np.arange(groups * LANES), len(chosen) - 1)
-    numbers = chosen[order] if groups else order
+    spans = len(rule.weight) // POINTS
+    groups = -(-spans // LANES) if alone else 0
+    order = np.argsort(~(rule.stretch_linear | rule.twist_linear), kind="stable")
+    numbers = order[np.minimum(np.arange(groups * LANES), spans - 1)]
 
-    def lanes(table: FloatArray) -> FloatArray:
-        flat = table.reshape(len(single), -1)
+    def lanes(table: NDArray[Any]) -> FloatArray:
+        flat = table.reshape(spans, -1)
         result = rows(groups, flat.shape[1])
         result[...] = flat[numbers].reshape(groups, LANES, flat.shape[1]).transpose(0, 2, 1)
         return result
 
     return SpanLanes(
-        groups, len(chosen), numbers.astype(np.float64), single.astype(np.float64), lanes(rule.b),
-        lanes(rule.b1), lanes(rule.b2), lanes(products), np.zeros(16), rows(work_rows(dof)),
+        groups, spans if alone else 0, numbers.astype(np.float64), lanes(rule.stretch_linear),
+        lanes(rule.twist_linear), lanes(rule.b), lanes(rule.b1), lanes(rule.b2), lanes(products),
+        np.zeros(16), rows(work_rows(dof)),
     )  # fmt: skip
 
 

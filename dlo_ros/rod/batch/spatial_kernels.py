@@ -13,7 +13,7 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch.simd_kernels import Frame, Scratch, gathered_law
+from dlo_ros.rod.batch.simd_kernels import Frame, Scratch, counts, gathered_law
 from dlo_ros.rod.batch.simd_tables import PAIRS, local_tables
 from dlo_ros.rod.batch.span_lanes import gather, scatter, scatter_columns
 from dlo_ros.rod.batch.spatial_strains import get, line, put, slopes
@@ -25,11 +25,13 @@ from dlo_ros.rod.elements.strains import (
     curvatures,
     turned,
 )  # fmt: skip
-from dlo_ros.rod.simd.eight_lanes import LANES, entry, load, row_address, spread, store
+from dlo_ros.rod.simd.eight_lanes import LANES, entry, load, row_address, somewhere, spread, store
 from dlo_ros.rod.simd.vector_algebra import FLAGS, INLINE, dot, mix, mix3, times
 
 BLOCKS = 64  # stored entries of a control point's columns
-POINT = 36  # rows of a point: see `_keep`
+# Rows of a point: forces by p, s, theta, theta' (8), then second derivatives by p and p, p and s, s
+# and s (9 each, row by row), p and theta, s and theta (3 each), theta and theta.
+PP, PS, SS, P_THETA, S_THETA, THETA, POINT = 8, 17, 26, 35, 38, 41, 42
 TILT = np.sqrt(2.0 * OUTER) * 0.5
 # Rows of a span: slopes p, s and theta of its points, then the derivatives by its 16 numbers of the
 # mean twist, of its tilt, of the mean stretch and of its tilt.
@@ -60,8 +62,8 @@ def assemble(q, tables, frame, law, scratch, matrix, tension, first):
             for c in range(3):
                 store(band, at + 5 * c, load(matrix, row))
             store(band, at + 15, load(matrix, theta + row))
-    for span in range(tables.spans):
-        if entry(tables.together.single, span) > 0.0:
+    if tables.together.groups == 0:
+        for span in range(tables.spans):
             _add_span(q, tables, frame, law, scratch, span, tension, first)
     for group in range(tables.together.groups):
         _add_group(q, tables, frame, law, scratch, group, tension, first)
@@ -133,7 +135,8 @@ def hold(tables, band):
 def _points(q, tables, frame, law, scratch, span, tension, first):
     """Forces and second derivatives at a span's three points, see `_keep`; and its `SPAN` rows."""
     work, zero = scratch.line, spread(0.0)
-    linear, twisted = entry(tables.linear, span) > 0.0, entry(tables.twist_linear, span) > 0.0
+    linear, twisted = entry(tables.linear, span), entry(tables.twist_linear, span)
+    lines, twist_lines, single = somewhere(linear), somewhere(twisted), 1.0 - linear
     a, b, c = zero, zero, zero  # twist at the three points
     x1, x2, x3 = zero, zero, zero  # |p|
     y1, y2, y3 = zero, zero, zero  # |p| that was promised
@@ -151,9 +154,8 @@ def _points(q, tables, frame, law, scratch, span, tension, first):
     twist, twist_tilt = line(a, b, c, twisted)
     long, long_tilt = line(x1, x2, x3, linear)
     promised, promised_tilt = line(y1, y2, y3, linear)
-    if not linear:
-        long, promised = x2, y2
-    for k in range(TURN, SPAN):
+    long, promised = linear * long + single * x2, linear * promised + single * y2
+    for k in range(TURN, SPAN if lines or twist_lines else TURN_TILT):
         store(work, k, zero)
     for g in range(3):
         e, side = 3 * span + g, float(g - 1)
@@ -169,15 +171,14 @@ def _points(q, tables, frame, law, scratch, span, tension, first):
         bend1, bend2 = stiff1 * (kappa1 - rest1), stiff2 * (kappa2 - rest2)
         torque = stiff3 * (twist + side * twist_tilt - rest3)
         drawn, pull, firm = zero, zero, zero
-        if linear or g == 1:
-            factor = 1.0 if linear else 1.0 / MIDDLE
-            stiff, rest = factor * load(law.stretch, e), load(law.stretch_rest, e) + 1.0
+        if lines or g == 1:
+            stiff = counts(linear, single, g) * load(law.stretch, e)
+            rest = load(law.stretch_rest, e) + 1.0
             drawn = stiff * (long + side * long_tilt - rest)
             pull = stiff * (promised + side * promised_tilt - rest)
             if first:
                 pull = load(tension, e)
-            if not linear:
-                firm = stiff
+            firm = single * stiff
         put(scratch.tangent, 3 * e, t)
         f = Stress(drawn, bend1, bend2, torque, stiff1, zero, stiff2, pull)
         _keep(scratch.point, POINT * g, x, f, second(x, kappa1, kappa2, f), firm, kappa1, kappa2)
@@ -187,11 +188,11 @@ def _points(q, tables, frame, law, scratch, span, tension, first):
             at = TURN + 4 * i
             put(work, at, mix(1.0, get(work, at), share, by))
             store(work, at + 3, load(work, at + 3) + share * u1)
-            if twisted:
+            if twist_lines:
                 at = TURN_TILT + 4 * i
                 put(work, at, mix(1.0, get(work, at), side * TILT, by))
                 store(work, at + 3, load(work, at + 3) + (side * TILT) * u1)
-            if linear:
+            if lines:
                 at = LINE + 4 * i
                 put(work, at, mix(1.0, get(work, at), share * u1, t))
                 at = LINE_TILT + 4 * i
@@ -200,31 +201,27 @@ def _points(q, tables, frame, law, scratch, span, tension, first):
 
 @njit(**INLINE)
 def _keep(point, k, x, f, h, firm, kappa1, kappa2):
-    """Write a point's rows: forces by p, s, theta, theta' (8); second derivatives by p and p (xx,
-    yx, yy, zx, zy, zz), p and s (9), s and s (6), p and theta, s and theta, theta (7).
-    """
+    """Write a point's rows, see `PP`."""
     bent = mix3(f.bend1, x.kappa1_p, f.bend2, x.kappa2_p, f.torque, x.twist_p)
     put(point, k, mix(1.0, bent, f.tension, x.t))
     put(point, k + 3, mix3(f.bend1, x.kappa1_s, f.bend2, x.kappa2_s, f.torque, x.a))
     store(point, k + 6, f.bend1 * kappa2 - f.bend2 * kappa1)
     store(point, k + 7, f.torque)
     stiff = times(firm, x.t)
-    (xx, _, _), (yx, yy, _), zp = h.pp
-    store(point, k + 8, xx + stiff[0] * x.t[0])
-    store(point, k + 9, yx + stiff[1] * x.t[0])
-    store(point, k + 10, yy + stiff[1] * x.t[1])
-    put(point, k + 11, mix(1.0, zp, stiff[2], x.t))
-    (xx, _, _), (yx, yy, _), zs = h.ss
-    store(point, k + 23, xx)
-    store(point, k + 24, yx)
-    store(point, k + 25, yy)
-    put(point, k + 26, zs)
-    put(point, k + 14, h.ps[0])
-    put(point, k + 17, h.ps[1])
-    put(point, k + 20, h.ps[2])
-    put(point, k + 29, h.p_theta)
-    put(point, k + 32, h.s_theta)
-    store(point, k + 35, h.theta)
+    (xx, _, _), (yx, yy, _), (zx, zy, zz) = h.pp
+    yx, zx, zy = yx + stiff[1] * x.t[0], zx + stiff[2] * x.t[0], zy + stiff[2] * x.t[1]
+    put(point, k + PP, (xx + stiff[0] * x.t[0], yx, zx))
+    put(point, k + PP + 3, (yx, yy + stiff[1] * x.t[1], zy))
+    put(point, k + PP + 6, (zx, zy, zz + stiff[2] * x.t[2]))
+    (xx, _, _), (yx, yy, _), (zx, zy, zz) = h.ss
+    put(point, k + SS, (xx, yx, zx))
+    put(point, k + SS + 3, (yx, yy, zy))
+    put(point, k + SS + 6, (zx, zy, zz))
+    for row in range(3):
+        put(point, k + PS + 3 * row, h.ps[row])
+    put(point, k + P_THETA, h.p_theta)
+    put(point, k + S_THETA, h.s_theta)
+    store(point, k + THETA, h.theta)
 
 
 @njit(from_python=False, **FLAGS)
@@ -247,64 +244,62 @@ def _add_forces(tables, scratch, span, lo, hi):
 
 @njit(**INLINE)
 def _add_block(tables, scratch, law, span, row, i, j, at):
-    """Add the second derivatives for the control points i and j of a span to a block at a row."""
+    """Add the second derivatives for the control points i and j of a span to a block at a row.
+
+    It goes row by row: the four sums of one stay in registers.
+    """
     point, work, band = scratch.point, scratch.line, scratch.band
-    xx, xy, xz, xt = _four(band, at)
-    yx, yy, yz, yt = _four(band, at + 4)
-    zx, zy, zz, zt = _four(band, at + 8)
-    tx, ty, tz, tt = _four(band, at + 12)
-    for g in range(3):
-        k, c, e = POINT * g, 4 * (3 * row + g), 4 * (3 * span + g)
-        uu, uv = entry(tables.products, c), entry(tables.products, c + 1)
-        vu, vv = entry(tables.products, c + 2), entry(tables.products, c + 3)
-        xx += uu * load(point, k + 8) + (uv + vu) * load(point, k + 14) + vv * load(point, k + 23)
-        yy += uu * load(point, k + 10) + (uv + vu) * load(point, k + 18) + vv * load(point, k + 25)
-        zz += uu * load(point, k + 13) + (uv + vu) * load(point, k + 22) + vv * load(point, k + 28)
-        ab, ba = load(point, k + 15), load(point, k + 17)
-        both = uu * load(point, k + 9) + vv * load(point, k + 24)
-        xy += both + uv * ab + vu * ba
-        yx += both + uv * ba + vu * ab
-        ab, ba = load(point, k + 16), load(point, k + 20)
-        both = uu * load(point, k + 11) + vv * load(point, k + 26)
-        xz += both + uv * ab + vu * ba
-        zx += both + uv * ba + vu * ab
-        ab, ba = load(point, k + 19), load(point, k + 21)
-        both = uu * load(point, k + 12) + vv * load(point, k + 27)
-        yz += both + uv * ab + vu * ba
-        zy += both + uv * ba + vu * ab
-        wi, ui, vi = entry(tables.b, e + i), entry(tables.b1, e + i), entry(tables.b2, e + i)
-        wj, uj, vj = entry(tables.b, e + j), entry(tables.b1, e + j), entry(tables.b2, e + j)
-        a, b = load(point, k + 29), load(point, k + 32)
-        xt += (ui * wj) * a + (vi * wj) * b
-        tx += (uj * wi) * a + (vj * wi) * b
-        a, b = load(point, k + 30), load(point, k + 33)
-        yt += (ui * wj) * a + (vi * wj) * b
-        ty += (uj * wi) * a + (vj * wi) * b
-        a, b = load(point, k + 31), load(point, k + 34)
-        zt += (ui * wj) * a + (vi * wj) * b
-        tz += (uj * wi) * a + (vj * wi) * b
-        tt += (wi * wj) * load(point, k + 35)
-    x, y, z, t = (xx, xy, xz, xt), (yx, yy, yz, yt), (zx, zy, zz, zt), (tx, ty, tz, tt)
     # The laws have the points' weights, which sum to the span's length.
     e = 3 * span
     stiff = load(law.bend, 3 * e + 2) + load(law.bend, 3 * e + 5) + load(law.bend, 3 * e + 8)
-    x, y, z, t = _add_square(x, y, z, t, stiff, work, TURN + 4 * i, TURN + 4 * j)
-    _put_block(band, at, x, y, z, t)
-    linear, twisted = entry(tables.linear, span) > 0.0, entry(tables.twist_linear, span) > 0.0
-    if twisted:
-        _add_to_block(band, at, stiff, work, TURN_TILT + 4 * i, TURN_TILT + 4 * j)
-    if linear:
+    turning = _four(work, TURN + 4 * j)
+    for r in range(3):
+        x, y, z, t = _four(band, at + 4 * r)
+        for g in range(3):
+            k, c, b = POINT * g + r, 4 * (3 * row + g), 4 * (e + g)
+            uu, uv = entry(tables.products, c), entry(tables.products, c + 1)
+            vu, vv = entry(tables.products, c + 2), entry(tables.products, c + 3)
+            # Rows k + 2 r and on are those of this row of a matrix, rows k, k + 3 of its column.
+            o = k + 2 * r
+            x += uu * load(point, o + PP) + vv * load(point, o + SS)
+            y += uu * load(point, o + PP + 1) + vv * load(point, o + SS + 1)
+            z += uu * load(point, o + PP + 2) + vv * load(point, o + SS + 2)
+            x += uv * load(point, o + PS) + vu * load(point, k + PS)
+            y += uv * load(point, o + PS + 1) + vu * load(point, k + PS + 3)
+            z += uv * load(point, o + PS + 2) + vu * load(point, k + PS + 6)
+            w = entry(tables.b, b + j)
+            u, v = w * entry(tables.b1, b + i), w * entry(tables.b2, b + i)
+            t += u * load(point, k + P_THETA) + v * load(point, k + S_THETA)
+        x, y, z, t = _plus((x, y, z, t), stiff * load(work, TURN + 4 * i + r), turning)
+        _put_four(band, at + 4 * r, x, y, z, t)
+    x, y, z, t = _four(band, at + 12)
+    for g in range(3):
+        k, b = POINT * g, 4 * (e + g)
+        w = entry(tables.b, b + i)
+        u, v = w * entry(tables.b1, b + j), w * entry(tables.b2, b + j)
+        x += u * load(point, k + P_THETA) + v * load(point, k + S_THETA)
+        y += u * load(point, k + P_THETA + 1) + v * load(point, k + S_THETA + 1)
+        z += u * load(point, k + P_THETA + 2) + v * load(point, k + S_THETA + 2)
+        t += (w * entry(tables.b, b + j)) * load(point, k + THETA)
+    x, y, z, t = _plus((x, y, z, t), stiff * load(work, TURN + 4 * i + 3), turning)
+    _put_four(band, at + 12, x, y, z, t)
+    linear, twisted = entry(tables.linear, span), entry(tables.twist_linear, span)
+    if somewhere(twisted):
+        _add_square(band, at, twisted * stiff, work, TURN_TILT + 4 * i, TURN_TILT + 4 * j)
+    if somewhere(linear):
         stiff = load(law.stretch, e) + load(law.stretch, e + 1) + load(law.stretch, e + 2)
-        _add_to_block(band, at, stiff, work, LINE + 4 * i, LINE + 4 * j)
-        _add_to_block(band, at, stiff, work, LINE_TILT + 4 * i, LINE_TILT + 4 * j)
+        stiff *= linear
+        _add_square(band, at, stiff, work, LINE + 4 * i, LINE + 4 * j)
+        _add_square(band, at, stiff, work, LINE_TILT + 4 * i, LINE_TILT + 4 * j)
 
 
 @njit(from_python=False, **FLAGS)
-def _add_to_block(band, at, stiff, work, i, j):
-    """Add a square, see `_add_square`, to a block that is written already."""
-    x, y, z, t = _four(band, at), _four(band, at + 4), _four(band, at + 8), _four(band, at + 12)
-    x, y, z, t = _add_square(x, y, z, t, stiff, work, i, j)
-    _put_block(band, at, x, y, z, t)
+def _add_square(band, at, stiff, work, i, j):
+    """Add stiff times four rows from row i on by four from row j on to a block."""
+    four = _four(work, j)
+    for r in range(4):
+        x, y, z, t = _plus(_four(band, at + 4 * r), stiff * load(work, i + r), four)
+        _put_four(band, at + 4 * r, x, y, z, t)
 
 
 @njit(**INLINE)
@@ -314,23 +309,12 @@ def _four(array, at):
 
 
 @njit(**INLINE)
-def _put_block(band, at, x, y, z, t):
-    """Write a block, row by row."""
-    for k, row in enumerate((x, y, z, t)):
-        store(band, at + 4 * k, row[0])
-        store(band, at + 4 * k + 1, row[1])
-        store(band, at + 4 * k + 2, row[2])
-        store(band, at + 4 * k + 3, row[3])
-
-
-@njit(**INLINE)
-def _add_square(x, y, z, t, stiff, work, i, j):
-    """Rows of a block and stiff times four rows from row i on by four from row j on."""
-    four = _four(work, j)
-    return (
-        _plus(x, stiff * load(work, i), four), _plus(y, stiff * load(work, i + 1), four),
-        _plus(z, stiff * load(work, i + 2), four), _plus(t, stiff * load(work, i + 3), four),
-    )  # fmt: skip
+def _put_four(array, at, x, y, z, t):
+    """Write four rows."""
+    store(array, at, x)
+    store(array, at + 1, y)
+    store(array, at + 2, z)
+    store(array, at + 3, t)
 
 
 @njit(**INLINE)

@@ -118,7 +118,7 @@ def subtract_stresses(
         turn_frame(tables, frame, gradients, change.frame, turn, work, span)
         linear, at = entry(tables.linear, span) > 0.0, points + 3 * span
         wound, tilt = line(load(turn, at), load(turn, at + 1), load(turn, at + 2),
-                           entry(tables.twist_linear, span) > 0.0)  # fmt: skip
+                           entry(tables.twist_linear, span))  # fmt: skip
         for k in range(3):
             e = 3 * span + k
             at, b = GRADIENTS * e, 3 * e
@@ -231,7 +231,7 @@ def vary_strains(tables, frame, bend, gradients, turn, change, d_q):
             mean, tilt = line(
                 load(change.bend, first), load(change.bend, first + 3),
                 load(change.bend, first + 6),
-                entry(tables.twist_linear, span) > 0.0,
+                entry(tables.twist_linear, span),
             )  # fmt: skip
             store(change.bend, first, mean - tilt)
             store(change.bend, first + 3, mean)

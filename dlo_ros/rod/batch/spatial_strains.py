@@ -69,13 +69,13 @@ def advance_frame(q, tables, frame, stretch, other):
         if e % 3 == 2:
             span = e // 3
             a, b, c = load(stretch, e - 2), load(stretch, e - 1), load(stretch, e)
-            mean, tilt = line(a, b, c, entry(tables.linear, span) > 0.0)
+            mean, tilt = line(a, b, c, entry(tables.linear, span))
             if not entry(tables.linear, span) > 0.0:
                 mean = b
             put(stretch, e - 2, (mean - tilt, mean, mean + tilt))
             at = 3 * e - 4  # twist of the span's first point
             a, b, c = load(other, at), load(other, at + 3), load(other, at + 6)
-            mean, tilt = line(a, b, c, entry(tables.twist_linear, span) > 0.0)
+            mean, tilt = line(a, b, c, entry(tables.twist_linear, span))
             store(other, at, mean - tilt)
             store(other, at + 3, mean)
             store(other, at + 6, mean + tilt)
@@ -83,6 +83,6 @@ def advance_frame(q, tables, frame, stretch, other):
 
 @njit(**INLINE)
 def line(a, b, c, tilted):
-    """Mean of a span's three values, and the rise of their straight line where it is tilted."""
+    """Mean of a span's three values, and the rise of their straight line, `tilted` (0 or 1) times."""
     mean, tilt = OUTER * (a + c) + MIDDLE * b, 0.5 * (c - a)
-    return mean, (tilt if tilted else 0.0 * tilt)
+    return mean, tilted * tilt

@@ -238,6 +238,21 @@ def smaller(_, a, b):
 
 
 @intrinsic
+def somewhere(_, value):
+    """Whether a number is not 0, or one of a vector's lanes."""
+
+    def generate(context, builder, sig, args):
+        zero = ir.Constant(args[0].type, [0.0] * LANES if sig.args[0] is vector else 0.0)
+        differs = builder.fcmp_unordered("!=", args[0], zero)
+        if sig.args[0] is not vector:
+            return differs
+        bits = builder.bitcast(differs, ir.IntType(LANES))
+        return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
+
+    return types.boolean(value), generate
+
+
+@intrinsic
 def lane(_, value, number):
     """One of the numbers."""
 
