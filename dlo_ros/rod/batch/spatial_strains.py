@@ -83,6 +83,6 @@ def advance_frame(q, tables, frame, stretch, other):
 
 @njit(**INLINE)
 def line(a, b, c, tilted):
-    """Mean of a span's three values, and the rise of their straight line, `tilted` (0 or 1) times."""
+    """Mean of a span's three values, and the rise of their line, `tilted` (0 or 1) times."""
     mean, tilt = OUTER * (a + c) + MIDDLE * b, 0.5 * (c - a)
     return mean, tilted * tilt
