@@ -17,9 +17,8 @@ from dlo_ros.rod import dynamics, statics
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import moving_of, nothing_varies
-from dlo_ros.rod.sensitivity.propagation import propagate_equilibrium
+from dlo_ros.rod.sensitivity import sensitive_equilibrium
 from dlo_ros.rod.sensitivity_parameters import MATERIAL, compiled
-from dlo_ros.rod.solve import equilibrium_continuation
 from dlo_ros.rod.solve.integrator_state import commit
 from dlo_ros.rod.state import State
 
@@ -108,13 +107,10 @@ class Statics:
             at[0] = 1 - at[0]
             model, rod, before, rest, varying = parts[at[0]]
             commit(before, rest)
-            equilibrium_continuation.settle(
+            sensitive_equilibrium.settle(
                 rod.system, rod.imposed, before, before.clock[0], model.rate2, statics.TOLERANCE,
-                False, rest,
+                False, rest, varying,
             )  # fmt: skip
-            propagate_equilibrium(
-                rod.system, rod.imposed, before.q, rest, before.internal, False, varying
-            )
             return varying
 
         return run

@@ -24,7 +24,7 @@ from dlo_ros.rod.elements.rod_tables import (
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import moving_of, nothing_varies, state_of, true_command
 from dlo_ros.rod.planar_model import in_plane
-from dlo_ros.rod.sensitivity.propagation import propagate_equilibrium
+from dlo_ros.rod.sensitivity import sensitive_equilibrium
 from dlo_ros.rod.sensitivity_parameters import compiled
 from dlo_ros.rod.solve import equilibrium_continuation, newton_iteration
 from dlo_ros.rod.solve.generalised_alpha import DONE, NO_DIRECTION
@@ -87,30 +87,31 @@ def settle(
             further apart than the DLO is long.
         CommandError: the command gives an end no direction.
     """
-    reachable(model, hold(model, boundary, state, command, stamp), boundary)
     true = true_command(model, command)
     flat = in_plane(model, state, true, parameters)
     rod = compiled(model, boundary, command, parameters, flat=flat)
     before, rest = (moving_of(state, true, flat=flat) for _ in range(2))
     time = (stamp - true.stamp) / NANOSECONDS
-    status, iterations, negative, buckled = equilibrium_continuation.settle(
-        rod.system, rod.imposed, before, time, model.rate2, TOLERANCE, fresh, rest
-    )
-    if status == NO_DIRECTION:
-        raise CommandError(NO_DIRECTION_TEXT)
-    if status != DONE:
-        raise SimulationError(
-            f"no static equilibrium found after {iterations} iterations; check that the imposed "
-            "ends can be reached and that stiffness and density are of a sensible size"
-        )
+    asked = rod.system, rod.imposed, before, time, model.rate2, TOLERANCE, fresh, rest
     varying = None
     if parameters:
         varying = nothing_varies(state, len(parameters), flat=flat, rates=rod.rates)
         varying = rod.mark(varying)
-        propagate_equilibrium(
-            rod.system, rod.imposed, before.q, rest, before.internal, fresh, varying
+        found = sensitive_equilibrium.settle(*asked, varying)
+    else:
+        found = equilibrium_continuation.settle(*asked)
+    status, iterations, negative, buckled = found
+    if status == NO_DIRECTION:
+        raise CommandError(NO_DIRECTION_TEXT)
+    if status != DONE:
+        reachable(model, hold(model, boundary, state, command, stamp), boundary)
+        raise SimulationError(
+            f"no static equilibrium found after {iterations} iterations; check that the imposed "
+            "ends can be reached and that stiffness and density are of a sensible size"
         )
     new = state_of(model, state, rest, stamp, varying, still=True)
+    pins = (boundary.pin_rows @ new.q.ravel()).reshape(-1, 3)
+    reachable(model, Held(new.q, pins, new.frames), boundary)  # stretch reaches any place
     if flat:
         negative = max(negative, _unstable_directions(model, boundary, new.q, new.reference))
     return Equilibrium(new, negative <= 0, iterations, buckled)

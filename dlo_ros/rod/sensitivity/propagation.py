@@ -316,7 +316,7 @@ def propagate_step(system, imposed, old, new, varying):
     assign(varying.auxiliary, auxiliary)
 
 
-@linked(from_python=True)
+@linked()
 def propagate_equilibrium(system, imposed, before, rest, internal, fresh, varying):
     """Compute the derivatives of an equilibrium.
 
