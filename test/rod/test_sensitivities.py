@@ -283,6 +283,9 @@ def check(settings, imposed, name, slack, space, first=None, wide=30.0):
             fourth order.
     """
     _, exact = run(settings, imposed, (name,), first)
+    if "twisting_stiffness" in name and not space:  # nothing twists; differences are rounding
+        np.testing.assert_allclose(exact, 0.0, atol=1e-12)
+        return
     chosen = variation_of(settings, name)
 
     def difference(change):
