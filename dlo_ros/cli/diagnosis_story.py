@@ -21,6 +21,7 @@ from dlo_ros.cli.diagnosis_words import (
 from dlo_ros.cli.set_up_table import distance_off, labels_of, set_up_is_off, setup_lines
 from dlo_ros.diagnosis import Diagnosis, NamedEffect, RecordingView
 from dlo_ros.identification.identifiability import enumerated
+from dlo_ros.inference.thresholds import BEYOND
 from dlo_ros.inference.weighted_quantiles import weighted_quantiles
 from dlo_ros.report.diagnosis_content import Question, SetupRow
 from dlo_ros.report.elements import measured, number
@@ -104,7 +105,8 @@ def headline(found: Diagnosis) -> str:
             if causes and not set_up_is_off(found):
                 return f"{off}, for {causes}: no more than a set-up within its tolerances may do."
             beside = f", and for {causes}" if causes else ""
-            return f"{off}, for a set-up that is a little off within its tolerances{beside}."
+            how = "off beyond" if _far_off(found) else "a little off within"
+            return f"{off}, for a set-up that is {how} its tolerances{beside}."
         return f"{off}, and these data show no cause for it."
     if found.verdict == "explained":
         return f"{off}, and this is why: {causes}."
@@ -224,17 +226,11 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
         sentences.append(OVERLAP)
     if found.verdict == "adequate":
         if found.setup and extends(found) and (not order or set_up_is_off(found)):
-            labels = labels_of(found)
-            far = [
-                labels[name] for name, n in found.setup.items()
-                if n.tolerance is not None and distance_off(name, n) > 2.0 * n.tolerance
-            ]  # fmt: skip
-            where = "each within twice its tolerance"
-            if far:
-                where = f"{enumerated(far)} by more than twice the tolerance"
-            sentences.append(
-                f"The set-up is a little off in several places, {where}: see the table."
-            )
+            far = _far_off(found)
+            how = f"off in several places, {far} by more than twice the tolerance"
+            if not far:
+                how = "a little off in several places, each within twice its tolerance"
+            sentences.append(f"The set-up is {how}: see the table.")
         elif not sentences:
             sentences.append(
                 "Nothing that matters is wrong."
@@ -255,6 +251,17 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
             )
         sentences.append(f"{beside} ({_left(found)}) is explained by no cause that is known here.")
     return tuple(sentences)
+
+
+def _far_off(found: Diagnosis) -> str:
+    """The numbers of the set-up that are far beyond their tolerance, by their labels."""
+    labels = labels_of(found)
+    return enumerated(
+        [
+            labels[name] for name, n in found.setup.items()
+            if n.tolerance is not None and distance_off(name, n) > BEYOND * n.tolerance
+        ]
+    )  # fmt: skip
 
 
 def _nothing_left(found: Diagnosis) -> bool:

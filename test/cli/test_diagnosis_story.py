@@ -123,7 +123,9 @@ def test_adequate_says_whether_it_is_as_good_as_matters():
     )
     assert "a little off in several places" not in answers(made)[1]
     bent = {"clamp_angle.start": SetupNumber(-8.0 * DEGREE, 0.4 * DEGREE, 3.0 * DEGREE, "rad")}
-    told = answers(case("adequate", (), 4e-3, setup=SETUP | bent))[1]
+    far = case("adequate", (), 4e-3, setup=SETUP | bent)
+    assert headline(far).endswith("for a set-up that is off beyond its tolerances.")
+    told = answers(far)[1]
     assert "direction of a clamp, at the start by more than twice the tolerance: see" in told
 
 
