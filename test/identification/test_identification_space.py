@@ -126,6 +126,7 @@ def test_a_rope_held_beside_where_turning_hands_say_is_found(tmp_path):
     assert numbers["start"].value == pytest.approx(off["start"], abs=2e-4)
 
 
+@pytest.mark.slow
 def test_hands_that_do_not_turn_do_not_separate_the_axes(tmp_path):
     """An offset in the hand is then one along the board's axes, and the std of both says so."""
     tree = yaml.safe_load(find_experiment("two_grippers").read_text())
