@@ -34,7 +34,6 @@ SETTINGS = {
     "observation_operator.SMALLEST_MODE",
     "recorded_inputs.LEAST",
     "linearised_model.FLAT",
-    "residual_noise.DECAYED",
     "residual_noise.STILL",
     "wrench_identification.CLOSE",
     "wrench_identification.ROUNDING",

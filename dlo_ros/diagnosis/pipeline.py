@@ -25,6 +25,7 @@ from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.identification.offline.initial_fit import Beginning, begin, drafts, finer, fitted
+from dlo_ros.identification.offline.recording_identification import Progress
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.joint import Evaluation, simulate
 from dlo_ros.inference.measured import Recording
@@ -33,8 +34,6 @@ from dlo_ros.inference.thresholds import CLEARLY_LESS
 from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)
-
-Progress = Callable[[str, float], None]
 
 
 def diagnose(

@@ -25,7 +25,8 @@ STRETCH_STIFFNESS = 2.0
 of either kind. Cantilevers of both kinds as boundary value problems differ by 1.1 to 2.5 of the
 strain in ln E, swings of a rod of the second kind by 0.7 to 3.7 (root mean squares 1.9 and 2.0)."""
 STRETCH_SHAPE = 0.3
-"""What is left of that difference in the shape, in strains and L: the cantilevers' is up to 0.2."""
+"""Difference of the shapes by both kinds of curvature with the best E, in strains and L: that of
+the cantilevers is up to 0.2."""
 
 
 def discrepancy(error: float, settings: RodSettings) -> float:

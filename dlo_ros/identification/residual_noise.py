@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Noise of the observed splines, and the correlation of their residuals."""
+"""Noise of the observed splines."""
 
 from __future__ import annotations
 
@@ -14,40 +14,7 @@ from dlo_ros.observation import Observation
 from dlo_ros.spline import FloatArray, SplineBasis
 
 DIFFERENCE_ORDERS = (2, 4, 6)  # in time: a smooth residual enters them less and less
-DECAYED = 0.05  # correlation below which the rest of it is not summed
 STILL = 1e-3  # mean square of a coordinate over the largest, below which it is not measured
-
-
-def correlation_length(residuals: Sequence[FloatArray], axis: int) -> float:
-    """Integrated autocorrelation of residual fields along one axis, in samples; at least 1.
-
-    The mean is not subtracted: a residual that is the same everywhere is one measurement, however
-    many samples it has. The sum is cut where the correlation has decayed.
-
-    Args:
-        residuals: one residual field per recording, shape (F, n, 3).
-        axis: 0 for time, 1 for the position along the DLO.
-    """
-    total, lag_zero, longest = np.zeros(0), 0.0, max(r.shape[axis] for r in residuals)
-    total = np.zeros(longest)
-    for field in residuals:
-        lagged = lagged_products(np.moveaxis(field, axis, 0))
-        total[: len(lagged)] += lagged
-        lag_zero += float(lagged[0])
-    if lag_zero <= 0.0:
-        return 1.0
-    rho = total / lag_zero
-    below = np.flatnonzero(rho < DECAYED)
-    stop = int(below[0]) if len(below) else longest
-    return float(max(1.0, 1.0 + 2.0 * rho[1:stop].sum()))
-
-
-def lagged_products(field: FloatArray) -> FloatArray:
-    """Sums of the products of samples (N, ...) that lie 0, 1, ... apart, shape (N,)."""
-    flat = field.reshape(len(field), -1)
-    spectrum = np.fft.rfft(flat, 2 * len(flat), axis=0)
-    lagged = np.fft.irfft(np.abs(spectrum) ** 2, 2 * len(flat), axis=0)
-    return np.asarray(lagged[: len(flat)].sum(axis=1))
 
 
 def frame_scatter(observations: Sequence[Observation], length: float) -> float | None:

@@ -184,7 +184,7 @@ def test_what_may_or_may_not_act_does_not_stand_for_what_does(monkeypatch, loss,
 @pytest.mark.parametrize(
     ("near", "complete", "kept"),
     [
-        # Beside an unknown law, evidence alone keeps no effect in the model.
+        # Where a law is unknown, an effect does not stay in the model for its evidence alone.
         ({"damping": 1.05e-3, "creep": 1.05e-3}, False, []),
         ({"damping": 1.05e-3, "creep": 1.5e-3}, False, ["creep"]),
         ({"damping": 1.5e-3, "creep": 1.5e-3}, False, ["creep", "damping"]),

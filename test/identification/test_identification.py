@@ -13,7 +13,7 @@ from rods import PAPER, SECOND, command
 from dlo_ros.command import Motion
 from dlo_ros.errors import InputError
 from dlo_ros.identification import Manipulation, OnlineEstimator, identify, shape_error
-from dlo_ros.identification.residual_noise import correlation_length, frame_scatter, noise_floor
+from dlo_ros.identification.residual_noise import frame_scatter, noise_floor
 from dlo_ros.inference.err import deviation
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import DampingParameters
@@ -54,14 +54,6 @@ def test_err_is_the_mean_distance_along_the_dlo():
     assert apart.mean == shape_error(a, c, BASIS)
     assert apart.std == pytest.approx(0.005 / math.sqrt(12.0), rel=1e-3)
     assert apart.maximum == pytest.approx(0.005, rel=1e-12)
-
-
-def test_correlation_counts_repeated_residuals_once():
-    rng = np.random.default_rng(0)
-    white = rng.normal(size=(200, 10, 3))
-    assert correlation_length([white], 0) == pytest.approx(1.0, abs=0.3)
-    same = np.repeat(rng.normal(size=(1, 10, 3)), 50, axis=0)
-    assert correlation_length([same], 0) == pytest.approx(50.0, rel=0.05)
 
 
 def test_noise_is_found_in_the_frames(swinging):

@@ -102,11 +102,6 @@ def identify(
     """
     if not train:
         raise InputError("no recording to identify from; give at least one bag")
-    for recording in train:
-        if not recording.commands:
-            raise InputError(f"{recording.name}: has no usable dlo/command")
-        if not recording.observations:
-            raise InputError(f"{recording.name}: has no usable dlo/observed")
     given, settings = settings, searchable(settings)
     progress("fitting", 0.1)
     begun = begin(train, settings)

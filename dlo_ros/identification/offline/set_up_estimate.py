@@ -188,7 +188,7 @@ def marginal_information(at: Evaluation) -> FloatArray:
     It is less where recordings disagree by more than their errors explain.
     """
     information = at.model.on_material(CORRELATED.normal_equations(at)[0])
-    # Of E and mu, shapes know the ratio alone: what they disagree on shows with mu held.
+    # Shapes determine the ratio of E and mu alone: their disagreement on it shows with mu held.
     held, offset = at.model.precision(), at.model.offset()
     held[at.model.index("density")] = EXACT
     alike = posterior(at.spectra, at.variances, offset, held).covariance

@@ -61,7 +61,7 @@ class AccumulatedInformation:
             )
         except SimulationError:
             return
-        # What the simulation and the theory do wrong themselves stays.
+        # The errors of the simulation and of the theory stay the same in all pictures.
         own = discrepancy(run.error, settings)
         whole = replace(variances, lasting=variances.lasting + own**2)
         self._variances, found = variances, NormalEquations.of(bins, whole)

@@ -75,7 +75,7 @@ class DelayEstimate:
             variance, prior_std = float(posterior.covariance[k, k]), model.parameters[k].std
             self.found = None
             if abs(posterior.step[k]) < UNCHANGED * np.sqrt(variance):
-                # What the simulation may be off by is no noise that more pictures average out.
+                # The error of the simulation is no noise that more pictures average out.
                 off = settings.simulation.tolerance * settings.rod.length
                 speed = max(float(np.sqrt(np.mean(jacobian[:, k] ** 2))), off / prior_std)
                 shift = (1.0 - variance / prior_std**2) * off / speed
