@@ -232,6 +232,7 @@ def test_a_damping_that_is_left_out_has_its_guess_and_keeps_it():
     assert set(bare.model.names) == set(at.model.names) - {"relaxation_time"}
 
 
+@pytest.mark.slow
 def test_a_set_up_is_strained_where_it_leaves_its_tolerance_without_a_cause():
     at, recordings = fitted_set_up()
     tilt = at.model.index("effects.gravity_tilt.angle")

@@ -53,6 +53,7 @@ def off(at, effect):
     return tolerances_off(at, group)
 
 
+@pytest.mark.slow
 def test_what_is_known_well_may_be_a_cause_less_than_twice_its_tolerance_off(turned):
     assert 1.3 < off(turned, "clamp_angle") < BEYOND
     assert "clamp_angle" in named(turned)

@@ -73,6 +73,7 @@ def test_nothing_is_named_where_nothing_is_off():
     assert found.causes == ()
 
 
+@pytest.mark.slow
 def test_a_set_up_that_is_off_in_many_ways_is_not_exact():
     off = {
         "gravity_tilt": {"angle": 0.01}, "camera_rotation": {"angle": 5e-3},

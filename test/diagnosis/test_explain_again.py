@@ -35,6 +35,7 @@ def turned():
     return explain(*prepared(TURN, 51))
 
 
+@pytest.mark.slow
 def test_known_causes_that_explain_other_recordings_are_not_sought_again(turned, monkeypatch):
     monkeypatch.setattr(joint_explanation, "search", lambda *_, **__: pytest.fail("searched"))
     again = explain_again(*prepared(TURN, 52), turned)
@@ -44,6 +45,7 @@ def test_known_causes_that_explain_other_recordings_are_not_sought_again(turned,
     assert again.exact and turned.exact and again.trace == turned.trace
 
 
+@pytest.mark.slow
 def test_causes_that_do_not_explain_other_recordings_are_sought_anew(turned):
     here = prepared(TILT, 53)
     assert explain_again(*here, turned) is None

@@ -311,6 +311,7 @@ def test_all_recordings_teach_where_they_come_nearer_so(held, closer):
     assert nearer(again, before) == closer
 
 
+@pytest.mark.slow
 def test_the_plain_model_has_not_seen_what_is_held_out():
     good, given = moving("simple", {}, 12)
     turned, _ = moving("simple", {"clamp_angle": {"start": 0.2}}, 13)
@@ -326,6 +327,7 @@ def test_the_plain_model_has_not_seen_what_is_held_out():
     assert abs(stiffness(_unseeing(both.at.model, both.recordings, masks).settings)) < 0.02
 
 
+@pytest.mark.slow
 def test_a_model_that_a_recording_refuses_is_dropped_and_its_set_up_kept(monkeypatch, caplog):
     recording, given = moving("simple", {"clamp_angle": {"start": 0.02}}, 12)
     begun = begin([recording], given)

@@ -99,6 +99,7 @@ def test_shapes_out_of_the_board_s_plane_make_a_scene_in_space(aside, spatial):
     assert scene(settings, ["start"], [shapes]).spatial == spatial
 
 
+@pytest.mark.slow
 def test_a_rope_held_beside_where_turning_hands_say_is_found(tmp_path):
     """As the mounting of a robot's grips is off; the delay of the camera is told beside it."""
     tree = yaml.safe_load(find_experiment("two_grippers").read_text())

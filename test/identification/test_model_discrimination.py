@@ -9,6 +9,7 @@ from challenge.confusion import LENGTH, ROPE
 from challenge.generate import _recordings
 from challenge.manipulations import DURATION, swing, u_shape, wave
 from experiment_recordings import recorded
+from ordinary import some_of
 from rods import PAPER
 
 from dlo_ros.cli.design import experiment_plan
@@ -123,10 +124,12 @@ def test_what_cannot_be_compared_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("kind", "effect"), [(swing, "wall"), (u_shape, "wall"), (wave, "clamp_slip")]
+    "where",
+    some_of([(swing, "wall"), (u_shape, "wall"), (wave, "clamp_slip")], [(wave, "clamp_slip")]),
 )
-def test_a_start_is_taken_that_makes_sense_in_the_manipulation(kind, effect):
+def test_a_start_is_taken_that_makes_sense_in_the_manipulation(where):
     """No wall through a grip, no slip after the end: both explanations can be told apart."""
+    kind, effect = where
     plan, rope = planned(kind)
     plan = replace(plan, duration=2.0)
     recording = plan.manipulation()

@@ -14,6 +14,7 @@ def test_a_course_that_turns_off_its_strand_in_one_view_is_refused(kind, seed):
     assert outcome(seed, kind, 1) != "wrong"
 
 
+@pytest.mark.slow
 def test_a_rope_that_crosses_itself_is_found():
     assert [outcome(seed, "loop", 1) for seed in range(101, 109)].count("right") >= 6
 
