@@ -354,3 +354,20 @@ def test_a_model_that_a_recording_refuses_is_dropped_and_its_set_up_kept(monkeyp
     alone = replace(found, setup=broken, causes=())
     with pytest.raises(SimulationError, match="no static equilibrium"):
         joint_outcome.joint_outcome(begun, begun.at, replace(learned, explanation=alone), given)
+
+
+@pytest.mark.slow
+def test_what_comes_no_nearer_than_the_plain_model_explains_nothing(monkeypatch):
+    """However near a fit to other simulations came: what is told is the plain model."""
+    recording, given = moving("simple", {"gravity_tilt": {"angle": 0.3}}, 12)
+    begun = begin([recording], given)
+    setup = training_set(begun, 1, begun.at.model.settings, given).prepared.setup
+    found = Explanation(setup, setup, (), 1e-4, 2e-4, 1e-5, (), ())
+    far, mask = np.full(len(setup.err[0]), 1.0), np.zeros(len(setup.err[0]), dtype=bool)
+    monkeypatch.setattr(joint_outcome, "refitted", lambda at, _: at)
+    told = joint_outcome.joint_outcome(
+        begun, begun.at, Learned(found, {}, (mask,), None, [far]), given
+    )
+    assert setup.mean_err < told.material_err < begun.at.mean_err
+    assert told.verdict == "unexplained"
+    assert told.extended.err_train == told.baseline.err_train

@@ -135,13 +135,14 @@ def joint_outcome(
         errors = _Errors(*before, final.learned.held, final.learned.seen)
     left = errors.left(found.at.mean_err)
     share = _share(errors.missing, left, own)
-    setup = (
-        plain.mean_err if suffices and immaterial else _set_up_err(found, at, first, known, matters)
-    )
     # A recording that is held out and cannot be fitted beside the others is not explained.
     least = 0.0 if len(at.err) == len(first) else left
-    # A fit to all that lies farther off than what was predicted has only ended early.
-    reached = min(at.mean_err, final.learned.mean_err or np.inf)
+    if suffices:
+        setup = reached = plain.mean_err
+    else:
+        setup = _set_up_err(found, at, first, known, matters)
+        # A fit to all that lies farther off than what was predicted has only ended early.
+        reached = min(at.mean_err, final.learned.mean_err or np.inf)
     verdict = _verdict(
         setup, max(reached, least), matters, found.nameable_err, found.causes, _of_itself(found)
     )
