@@ -10,6 +10,7 @@ from experiment_recordings import fitted_set_up
 from dlo_ros.diagnosis.explain import joint_explanation
 from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.cause_search import Search
+from dlo_ros.diagnosis.findings import joint_learning
 from dlo_ros.inference.joint import evaluate
 
 
@@ -90,3 +91,19 @@ def test_clamps_camera_and_time_have_no_law_that_could_be_another():
     bare = at.model.without([n for n in at.model.names if n.startswith("effects.clamp_angle")])
     held = joint_explanation._err_without_laws(evaluate(bare, recordings), recordings)
     assert held > 2.0 * err
+
+
+def test_a_fit_that_has_left_the_shapes_is_taken_where_it_comes_near_them(monkeypatch):
+    """Errors that stay are cheap, where a motion tells more; what they may not explain is left."""
+    fitted, recordings = fitted_set_up()
+    given = fitted.model.settings
+    theta = fitted.model.theta()
+    theta[fitted.model.index("young_modulus")] += 0.3
+    strayed = evaluate(fitted.model.at(theta), recordings, fitted.variances)
+    assert strayed.mean_err > 5.0 * fitted.mean_err
+    near = joint_explanation._near_shapes(strayed, recordings, given)
+    assert near.mean_err < 0.5 * strayed.mean_err
+    assert joint_explanation._near_shapes(fitted, recordings, given) is fitted
+    # A later fit to the same shapes does not leave them either.
+    monkeypatch.setattr(joint_learning, "fit", lambda *_, **__: strayed)
+    assert joint_learning.refitted(fitted, recordings).mean_err < 1.01 * fitted.mean_err

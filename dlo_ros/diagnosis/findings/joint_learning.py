@@ -24,7 +24,7 @@ from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import TO_REPORT
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.thresholds import APART, FEWEST
+from dlo_ros.inference.thresholds import APART, CLEARLY_LESS, FEWEST
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
@@ -162,17 +162,22 @@ def nearer(learned: Learned, other: Learned) -> bool:
 
 
 def refitted(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
-    """The model fitted to all that it may learn from."""
+    """The model fitted to all that it may learn from; as it is where that leaves the shapes.
+
+    Errors that stay are cheap, so that a fit may follow a motion at the cost of its shapes.
+    """
     frames = [len(e) for e in at.err]
     try:
         if len(recordings) == len(frames) and all(
             len(r.times) <= f for r, f in zip(recordings, frames, strict=True)
         ):
             begun = rejudged(borrowed(at, at.model, recordings))
-            return fit(begun, recordings, FINAL_ITERATIONS, loss=TO_REPORT)
-        return fit(evaluate(at.model, recordings), recordings, FINAL_ITERATIONS, loss=TO_REPORT)
+        else:
+            begun = evaluate(at.model, recordings)
+        found = fit(begun, recordings, FINAL_ITERATIONS, loss=TO_REPORT)
     except SimulationError:
         return at
+    return begun if begun.mean_err < CLEARLY_LESS * found.mean_err else found
 
 
 def errors_of(
