@@ -183,11 +183,11 @@ class SplineBasis:
         """
         b = self.matrix(u)
         w = np.ones(b.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64)
-        return self._least_squares(b, points, w)
+        return self.least_squares(b, points, w)
 
     def fit_grid(self, points: FloatArray, weights: FloatArray) -> FloatArray:
         """Least-squares spline through points at equal steps of u from 0 to L; see `fit`."""
-        return self._least_squares(self.grid(len(points)), points, weights)
+        return self.least_squares(self.grid(len(points)), points, weights)
 
     @cached_property
     def _bending(self) -> FloatArray:
@@ -196,7 +196,17 @@ class SplineBasis:
         curvature = self.matrix(u, 2)
         return curvature.T @ (w[:, None] * curvature) * self.length**3
 
-    def _least_squares(self, b: FloatArray, points: FloatArray, weights: FloatArray) -> FloatArray:
+    def least_squares(self, b: FloatArray, points: FloatArray, weights: FloatArray) -> FloatArray:
+        """Least-squares spline through points where the basis functions are known; see `fit`.
+
+        Args:
+            b: basis functions at the points, from `matrix`, shape (m, n).
+            points: shape (m, d).
+            weights: weight of each point, shape (m,).
+
+        Returns:
+            Control points, shape (n, d).
+        """
         smooth = self._bending
         normal = b.T @ (weights[:, None] * b)
         normal += 1e-9 * np.trace(normal) / np.trace(smooth) * smooth

@@ -177,7 +177,7 @@ class Camera:
     def metres_per_pixel(self, pixels: FloatArray) -> FloatArray:
         """Size of a pixel in the board's plane (root of its area) [m], shape (m,)."""
         pixels = np.asarray(pixels, dtype=np.float64)
-        here = self.to_board(pixels)
-        a = self.to_board(pixels + STEP_X) - here
-        b = self.to_board(pixels + STEP_Y) - here
+        steps = np.vstack([pixels, pixels + STEP_X, pixels + STEP_Y])
+        here, right, below = self.to_board(steps).reshape(3, -1, 3)
+        a, b = right - here, below - here
         return np.sqrt(np.abs(a[:, 0] * b[:, 2] - a[:, 2] * b[:, 0]))

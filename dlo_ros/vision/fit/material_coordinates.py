@@ -8,11 +8,14 @@ the picture shows it clearly, u = L lies there; where it does not, the arc lengt
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from dlo_ros.errors import VisionError
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.segmentation.edge_profile import Located
@@ -31,6 +34,9 @@ CONTINUED = ((1.5, 6.0), (0.4, 4.0))
 """Distances from a found end between which the part lies that predicts the course there [widths]:
 first where a hole beside the end cannot have moved it, then closer."""
 MOST_BEYOND = 0.15  # of L that a hidden end may lie beyond the course
+NEGLIGIBLE = 40.0  # log odds: what is less likely by that is lost in the rounding of a sum
+
+Missing = TypeVar("Missing", float, FloatArray)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,10 +127,7 @@ def locate_ends(
     at = [held[k] if tip is None else tip.at for k, tip in enumerate(tips)]
     odds = [np.zeros(1) if tip is None else tip.likelihood for tip in tips]
     s = [_arc_at(arc, a) for a in at]
-    seen = s[1][None, :] - s[0][:, None]
-    prior = length_log_likelihood(seen, length, length_std)
-    posterior = odds[0][:, None] + odds[1][None, :] + prior
-    weight = np.exp(posterior - posterior.max())
+    weight = _posterior(*odds, *s, length, *_length_stds(length, length_std))
     weight /= weight.sum()
     each = weight.sum(axis=1), weight.sum(axis=0)
     mean = np.array([float(p @ x) for p, x in zip(each, s, strict=True)])
@@ -151,11 +154,60 @@ def length_log_likelihood(seen: FloatArray | float, length: float, length_std: f
         length_std: standard deviation of L [m]; 0: not known.
     """
     missing = np.asarray(seen) - length
-    spread = np.hypot(LENGTH_STD * length, length_std)
-    rough = np.hypot(ROUGH_LENGTH_STD * length, length_std)
-    usual = np.log(1.0 - ROUGH_SHARE) - np.log(spread) - 0.5 * (missing / spread) ** 2
-    slipped = np.log(ROUGH_SHARE) - np.log(rough) - 0.5 * (missing / rough) ** 2
-    return np.asarray(np.logaddexp(usual, slipped))
+    return np.asarray(np.logaddexp(*_length_terms(missing, *_length_stds(length, length_std))))
+
+
+def _length_stds(length: float, length_std: float) -> tuple[float, float]:
+    """Standard deviations of a DLO's length in a careful set-up, and in another one [m]."""
+    return (
+        math.hypot(LENGTH_STD * length, length_std),
+        math.hypot(ROUGH_LENGTH_STD * length, length_std),
+    )
+
+
+@njit()
+def _length_terms(missing: Missing, spread: float, rough: float) -> tuple[Missing, Missing]:
+    """Log likelihoods of what is missing of a length in each of the two kinds of set-up."""
+    usual = math.log((1.0 - ROUGH_SHARE) / spread) - 0.5 * (missing / spread) ** 2
+    slipped = math.log(ROUGH_SHARE / rough) - 0.5 * (missing / rough) ** 2
+    return usual, slipped
+
+
+@njit()
+def _posterior(
+    start_odds: FloatArray,
+    end_odds: FloatArray,
+    start: FloatArray,
+    end: FloatArray,
+    length: float,
+    spread: float,
+    rough: float,
+) -> FloatArray:
+    """Posterior probability of each pair of ends up to a constant factor, shape (m, n).
+
+    Args:
+        start_odds, end_odds: log likelihoods of the places, shapes (m,) and (n,).
+        start, end: arc lengths of the places [m], likewise.
+        length: L [m].
+        spread, rough: standard deviations from `_length_stds`.
+    """
+    weight = np.empty((len(start), len(end)))
+    # The larger of two terms is at least half of their sum, and far quicker to tell.
+    best = -math.inf
+    for i in range(len(start)):
+        for j in range(len(end)):
+            usual, slipped = _length_terms(end[j] - start[i] - length, spread, rough)
+            weight[i, j] = start_odds[i] + end_odds[j] + max(usual, slipped)
+            best = max(best, weight[i, j])
+    for i in range(len(start)):
+        for j in range(len(end)):
+            if weight[i, j] < best - NEGLIGIBLE:
+                weight[i, j] = 0.0
+                continue
+            usual, slipped = _length_terms(end[j] - start[i] - length, spread, rough)
+            odds = start_odds[i] + end_odds[j] - best
+            weight[i, j] = math.exp(usual + odds) + math.exp(slipped + odds)
+    return weight
 
 
 def _arc_at(arc: FloatArray, at: FloatArray) -> FloatArray:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 
 from dlo_ros.kernel_cache import njit
@@ -31,9 +30,9 @@ class SmoothCurve:
     coefficients: FloatArray
 
     def __call__(self, p: FloatArray, derivative: int = 0) -> FloatArray:
-        """Values (or derivatives) at p."""
-        spline = BSpline(self.knots, self.coefficients, DEGREE)
-        return np.asarray(spline(p, derivative))
+        """Values (or first derivatives) at p; beyond the knots its last pieces go on."""
+        first, basis = _basis(np.asarray(p, dtype=np.float64), self.knots, derivative)
+        return np.asarray(_combined(first, basis, self.coefficients))
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +73,7 @@ def smooth(
     step = (high - low) / spans
     knots: FloatArray = low + step * np.arange(-DEGREE, spans + DEGREE + 1.0)
     count = spans + DEGREE
-    first, basis = _basis(p, knots, count)
+    first, basis = _basis(p, knots, 0)
     points = np.ascontiguousarray(points, dtype=np.float64)
     base = np.ones(len(p)) if trust is None else trust
     judged = base >= 1.0
@@ -87,7 +86,7 @@ def smooth(
         scale = max(float(np.max(bands[0])), 1e-12)
         for support in supports:
             at = np.array([support.p])
-            f, b = _basis(at, knots, count)
+            f, b = _basis(at, knots, 0)
             _add(
                 bands,
                 right,
@@ -97,7 +96,7 @@ def smooth(
                 np.ascontiguousarray(support.value[None], dtype=np.float64),
             )
             if support.slope is not None:
-                d = _slopes(at, f, knots)
+                _, d = _basis(at, knots, 1)
                 _add(
                     bands,
                     right,
@@ -118,28 +117,44 @@ def smooth(
     return curve, weights
 
 
-def _basis(p: FloatArray, knots: FloatArray, count: int) -> tuple[NDArray[np.int64], FloatArray]:
-    """First non-zero B-spline and the four values for each p (uniform knots)."""
+@njit()
+def _basis(
+    p: FloatArray, knots: FloatArray, derivative: int
+) -> tuple[NDArray[np.int64], FloatArray]:
+    """First non-zero B-spline and the four values (or first derivatives) for each p.
+
+    The knots are uniform.
+    """
     step = knots[1] - knots[0]
-    x = (p - knots[DEGREE]) / step
-    cell = np.clip(np.floor(x).astype(np.int64), 0, count - DEGREE - 1)
-    t = x - cell
-    values = np.column_stack(
-        [
-            (1 - t) ** 3 / 6,
-            (3 * t**3 - 6 * t**2 + 4) / 6,
-            (-3 * t**3 + 3 * t**2 + 3 * t + 1) / 6,
-            t**3 / 6,
-        ]
-    )
+    last = len(knots) - 2 * DEGREE - 2
+    cell = np.empty(len(p), dtype=np.int64)
+    values = np.empty((len(p), DEGREE + 1))
+    for i in range(len(p)):
+        x = (p[i] - knots[DEGREE]) / step
+        cell[i] = min(max(int(math.floor(x)), 0), last)  # noqa: RUF046 (numba: a float)
+        t = x - cell[i]
+        if derivative == 0:
+            values[i, 0] = (1 - t) ** 3 / 6
+            values[i, 1] = (3 * t**3 - 6 * t**2 + 4) / 6
+            values[i, 2] = (-3 * t**3 + 3 * t**2 + 3 * t + 1) / 6
+            values[i, 3] = t**3 / 6
+        else:
+            values[i, 0] = -((1 - t) ** 2) / (2 * step)
+            values[i, 1] = (3 * t**2 - 4 * t) / (2 * step)
+            values[i, 2] = (-3 * t**2 + 2 * t + 1) / (2 * step)
+            values[i, 3] = t**2 / (2 * step)
     return cell, values
 
 
-def _slopes(p: FloatArray, cell: np.ndarray, knots: FloatArray) -> FloatArray:
-    step = knots[1] - knots[0]
-    t = (p - knots[DEGREE]) / step - cell
-    values = np.column_stack([-((1 - t) ** 2), 3 * t**2 - 4 * t, -3 * t**2 + 2 * t + 1, t**2])
-    return np.asarray(values / (2 * step))
+@njit()
+def _combined(cell: NDArray[np.int64], basis: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """Sums of the B-splines of `_basis` with coefficients, shape (m, d)."""
+    result = np.zeros((len(cell), coefficients.shape[1]))
+    for i in range(len(cell)):
+        for a in range(DEGREE + 1):
+            for d in range(coefficients.shape[1]):
+                result[i, d] += basis[i, a] * coefficients[cell[i] + a, d]
+    return result
 
 
 @njit()

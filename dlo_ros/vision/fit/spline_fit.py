@@ -101,8 +101,11 @@ def fit_spline(
     seen = located.seen & (index >= low) & (index <= high)
     if np.count_nonzero(seen) < 12:
         raise VisionError("hardly anything of the DLO is visible")
-    pixels = located.points[seen]
-    plane = camera.to_board(pixels)[:, [0, 2]]
+    trust = located.trust
+    used = (trust > 0.0) & (index >= low) & (index <= high)  # what was seen, and more
+    pixels = located.points
+    all_plane = camera.to_board(pixels[used])[:, [0, 2]]
+    pixels, plane = pixels[seen], all_plane[seen[used]]
     if not np.all(np.isfinite(plane)):
         raise VisionError(
             "the DLO would lie beyond the horizon of the board; check camera.rotation"
@@ -112,9 +115,6 @@ def fit_spline(
     p = index[seen]
     span = KNOT_SPAN * located.width / located.spacing
     supports = _supports(start, end, low, high, p, plane, located, scale)
-    trust = located.trust
-    used = (trust > 0.0) & (index >= low) & (index <= high)
-    all_plane = camera.to_board(located.points[used])[:, [0, 2]]
     keep = np.all(np.isfinite(all_plane), axis=1)
     curve, _ = smooth(
         index[used][keep], all_plane[keep], span, (low, high), supports, trust[used][keep]
@@ -128,8 +128,7 @@ def fit_spline(
     total = float(s[-1])
     dense_u = _material(s, grid_seen, basis.length, width)
     u = np.interp(p, grid, dense_u)
-    normal = _normals(curve(p, 1))
-    across = np.sum((plane - curve(p)) * normal, axis=1)
+    across = np.sum((plane - curve(p)) * _normals(curve(p, 1)), axis=1)
     points = _points_with_std(p, u, curve, across, located, scale)
     visible = total
     if found is not None and np.isfinite(found.visible):
@@ -141,16 +140,17 @@ def fit_spline(
 
     weights = np.where(grid_seen, 1.0, UNSEEN_WEIGHT)
     weights[[0, -1]] = 0.05 * len(grid)
-    flat = basis.fit(dense_u, dense, weights)
+    b = basis.matrix(dense_u)
+    flat = basis.least_squares(b, dense, weights)
     normals = _normals(curve(grid, 1))
-    beside = np.sum((dense - basis.evaluate(flat, dense_u)) * normals, axis=1)
+    beside = np.sum((dense - b @ flat) * normals, axis=1)
     if np.sqrt(np.mean(beside**2)) > MOST_BESIDE * scale:
-        flat = _fit_across(basis, dense_u, dense, normals, weights)
+        flat = _fit_across(b, dense, normals, weights)
+        beside = np.sum((dense - b @ flat) * normals, axis=1)
     control_points = np.zeros((basis.control_points, 4))
     control_points[:, 0], control_points[:, 2] = flat[:, 0], flat[:, 1]
 
-    model = basis.evaluate(flat, u)
-    misfit = np.sum((plane - model) * normal, axis=1)
+    misfit = across + np.interp(p, grid, beside)
     residual = float(np.sqrt(np.mean(misfit**2)))
     at = np.linspace(0.0, total, len(grid))
     even = np.column_stack([np.interp(at, s, dense[:, 0]), np.interp(at, s, dense[:, 1])])
@@ -241,20 +241,19 @@ def _supports(
 
 
 def _fit_across(
-    basis: SplineBasis, u: FloatArray, points: FloatArray, normals: FloatArray, weights: FloatArray
+    b: FloatArray, points: FloatArray, normals: FloatArray, weights: FloatArray
 ) -> FloatArray:
     """Control points (n, 2) of the spline that lies on a curve, or least beside it.
 
     The image shows where the DLO is across itself to a fraction of a pixel; along itself only its
     arc length does. So where n control points cannot follow the curve they rather slide along it.
     """
-    b = basis.matrix(u)
     along = np.column_stack([-normals[:, 1], normals[:, 0]])
     normal = np.zeros((2 * b.shape[1], 2 * b.shape[1]))
     right = np.zeros(2 * b.shape[1])
-    slack = np.full(len(u), ALONG_WEIGHT)
+    slack = np.full(len(b), ALONG_WEIGHT)
     slack[[0, -1]] = 1.0  # the ends are points of the picture
-    for direction, share in ((normals, np.ones(len(u))), (along, slack)):
+    for direction, share in ((normals, np.ones(len(b))), (along, slack)):
         rows = np.hstack([b * direction[:, [0]], b * direction[:, [1]]])
         weighted = (share * weights)[:, None] * rows
         normal += weighted.T @ rows

@@ -62,15 +62,15 @@ class Sections:
     @classmethod
     def of(cls, strip: Float32, offsets: FloatArray, width: float) -> Sections:
         """From cross-sections of the DLO, shape (m, k, 3)."""
-        usual = np.median(strip, axis=0).astype(np.float64)
-        aside = np.abs(offsets) >= SIDES * width
-        board = np.median(strip[:, aside].reshape(-1, 3), axis=0).astype(np.float64)
+        usual = _medians(strip)
+        beside = np.count_nonzero(offsets >= SIDES * width)
+        both = np.hstack([strip[:, :beside], strip[:, -beside:]])
+        board = _medians(both.reshape(-1, 1, 3))[0]
         axis = usual[np.abs(offsets) <= CORE * width].mean(axis=0) - board
         contrast = max(float(np.linalg.norm(axis)), 1.0)
         shape = (usual - board) @ axis / contrast**2
-        sides = [strip[:, offsets * k >= SIDES * width].mean(axis=1) for k in (-1.0, 1.0)]
-        spread = [float(np.median(np.linalg.norm(side - board, axis=1))) for side in sides]
-        same = max(SAME_GROUND, SPREADS * min(spread) / contrast)
+        spread = np.median(np.linalg.norm(_grounds(strip, beside) - board, axis=2), axis=1)
+        same = max(SAME_GROUND, SPREADS * float(spread.min()) / contrast)
         found = cls(shape, board, axis, 0.0, same)
         return replace(found, misfit=float(np.median(found.fit(strip)[:, 2])))
 
@@ -84,8 +84,8 @@ class Sections:
             strip: shape (m, k, 3).
             part: part of the cross-section that is compared.
         """
-        part_of = np.ascontiguousarray(strip[:, part])
-        return np.asarray(compare(part_of, self.shape[part], self.board, self.axis))
+        first, last, _ = part.indices(strip.shape[1])
+        return np.asarray(compare(strip, first, last, self.shape, self.board, self.axis))
 
     def crossed(self, strip: Float32, offsets: FloatArray, width: float, step: float) -> Mask:
         """Whether an edge that shows on both sides of the DLO runs through each cross-section.
@@ -100,12 +100,9 @@ class Sections:
         count, reach = len(strip), max(1, round(EDGE_BREADTH / step))
         index = np.arange(count)
         before, behind = np.maximum(index - reach, 0), np.minimum(index + reach, count - 1)
-        changes = []
-        for side in (offsets <= -SIDES * width, offsets >= SIDES * width):
-            colour = strip[:, side].mean(axis=1)
-            change = np.linalg.norm(colour[behind] - colour[before], axis=1)
-            changes.append(change > self.same * contrast)
-        left, right = changes
+        colours = _grounds(strip, np.count_nonzero(offsets >= SIDES * width))
+        change = np.linalg.norm(colours[:, behind] - colours[:, before], axis=2)
+        left, right = change > self.same * contrast
         result = np.zeros(count, dtype=np.bool_)
         slant = round(SLANT / step)
         for d in range(min(slant, (count - 1) // 2) + 1):  # the edge may run askew
@@ -115,48 +112,101 @@ class Sections:
 
     def odds(self, strip: Float32) -> tuple[FloatArray, FloatArray]:
         """Log odds of each cross-section, of a visible DLO and of the bare board, over anything."""
-        whole = self.fit(strip)
-        visible = self._visible(whole)
-        # One half of a section is enough beside a hole or another thing on one side.
         half = round(HALF * strip.shape[1])
-        for part in (slice(half), slice(-half, None)):
-            visible = np.maximum(visible, self._visible(self.fit(strip, part)) - ONE_SIDED)
-        _, amplitude, misfit, unlike = whole.T
-        worse = np.maximum(misfit - self.misfit, 0.0) / MISFIT_STD
-        ended = BEST_LOG_ODDS - 0.5 * (amplitude / AMPLITUDE_STD) ** 2 - 0.5 * worse**2
-        ended = np.where(unlike < self.same, np.maximum(ended, 0.0), 0.0)
-        return np.maximum(visible, LEAST_ODDS), ended
-
-    def _visible(self, fitted: FloatArray) -> FloatArray:
-        ground, amplitude, misfit, _ = fitted.T
-        contrast = max(float(np.linalg.norm(self.axis)), 1.0)
-        colour = self.board + ground[:, None] * self.axis
-        light = np.sqrt(np.sum(colour**2, axis=1)) / max(
-            float(np.linalg.norm(self.board)), contrast
+        visible, ended = _log_odds(
+            strip, half, self.shape, self.board, self.axis, self.misfit, self.same
         )
-        # In a shadow contrasts shrink with the light; before other ground the DLO keeps its tone.
-        tone = 1.0 - ground
-        expected = np.where(np.abs(amplitude - light) < np.abs(amplitude - tone), light, tone)
-        worse = np.maximum(misfit - self.misfit, 0.0) / MISFIT_STD
-        visible = (
-            BEST_LOG_ODDS - 0.5 * ((amplitude - expected) / AMPLITUDE_STD) ** 2 - 0.5 * worse**2
-        )
-        # Before ground of its own tone the DLO cannot be recognised.
-        return np.asarray(np.where(expected < FAINTEST, np.minimum(visible, 0.0), visible))
+        return visible, ended
 
 
 @njit()
-def compare(strip: Float32, shape: FloatArray, board: FloatArray, axis: FloatArray) -> FloatArray:
-    """See `Sections.fit`."""
-    rows, count, _ = strip.shape
+def _grounds(strip: Float32, beside: int) -> FloatArray:
+    """Mean colours of so many samples at either side of cross-sections, shape (2, m, 3)."""
+    rows, count, channels = strip.shape
+    result = np.zeros((2, rows, channels))
+    for i in range(rows):
+        for j in range(beside):
+            for c in range(channels):
+                result[0, i, c] += strip[i, j, c] / beside
+                result[1, i, c] += strip[i, count - 1 - j, c] / beside
+    return result
+
+
+@njit()
+def _medians(strip: Float32) -> FloatArray:
+    """Medians over the first axis, shape (m, k, 3) to (k, 3)."""
+    rows, count, channels = strip.shape
+    result = np.empty((count, channels))
+    column = np.empty(rows, dtype=np.float32)
+    for j in range(count):
+        for c in range(channels):
+            for i in range(rows):
+                column[i] = strip[i, j, c]
+            result[j, c] = np.median(column)
+    return result
+
+
+@njit()
+def _log_odds(
+    strip: Float32,
+    half: int,
+    shape: FloatArray,
+    board: FloatArray,
+    axis: FloatArray,
+    misfit: float,
+    same: float,
+) -> tuple[FloatArray, FloatArray]:
+    """See `Sections.odds`; a half of a cross-section has so many samples."""
+    count = strip.shape[1]
+    whole = compare(strip, 0, count, shape, board, axis)
+    # One half of a section is enough beside a hole or another thing on one side.
+    one = compare(strip, 0, half, shape, board, axis)
+    other = compare(strip, count - half, count, shape, board, axis)
+    visible, ended = np.empty(len(whole)), np.zeros(len(whole))
+    for i in range(len(whole)):
+        sides = max(_visible(one[i], board, axis, misfit), _visible(other[i], board, axis, misfit))
+        seen = max(_visible(whole[i], board, axis, misfit), sides - ONE_SIDED)
+        visible[i] = max(seen, LEAST_ODDS)
+        if whole[i, 3] < same:
+            worse = max(whole[i, 2] - misfit, 0.0) / MISFIT_STD
+            found = BEST_LOG_ODDS - 0.5 * (whole[i, 1] / AMPLITUDE_STD) ** 2 - 0.5 * worse**2
+            ended[i] = max(found, 0.0)
+    return visible, ended
+
+
+@njit(from_python=False)
+def _visible(fitted: FloatArray, board: FloatArray, axis: FloatArray, misfit: float) -> float:
+    """Log odds of a visible DLO in a cross-section that `compare` has fitted."""
+    ground, amplitude = fitted[0], fitted[1]
+    light = bright = contrast = 0.0
+    for c in range(3):
+        light += (board[c] + ground * axis[c]) ** 2
+        bright += board[c] ** 2
+        contrast += axis[c] ** 2
+    light = math.sqrt(light) / max(math.sqrt(bright), math.sqrt(contrast), 1.0)
+    # In a shadow contrasts shrink with the light; before other ground the DLO keeps its tone.
+    tone = 1.0 - ground
+    expected = light if abs(amplitude - light) < abs(amplitude - tone) else tone
+    worse = max(fitted[2] - misfit, 0.0) / MISFIT_STD
+    visible = BEST_LOG_ODDS - 0.5 * ((amplitude - expected) / AMPLITUDE_STD) ** 2 - 0.5 * worse**2
+    # Before ground of its own tone the DLO cannot be recognised.
+    return float(min(visible, 0.0) if expected < FAINTEST else visible)
+
+
+@njit()
+def compare(
+    strip: Float32, first: int, last: int, shape: FloatArray, board: FloatArray, axis: FloatArray
+) -> FloatArray:
+    """Fit of the samples first to last (exclusive) of each cross-section; see `Sections.fit`."""
+    rows, count = len(strip), last - first
     contrast = max(math.sqrt(axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2), 1.0)
     unit = (axis[0] / contrast, axis[1] / contrast, axis[2] / contrast)
     mean_shape, power = 0.0, 0.0
     for j in range(count):
-        mean_shape += shape[j]
+        mean_shape += shape[first + j]
     mean_shape /= count
     for j in range(count):
-        power += (shape[j] - mean_shape) ** 2
+        power += (shape[first + j] - mean_shape) ** 2
     power = max(power, 1e-9)
     result = np.empty((rows, 4))
     away = np.empty((count, 3))
@@ -168,16 +218,16 @@ def compare(strip: Float32, shape: FloatArray, board: FloatArray, axis: FloatArr
         for j in range(count):
             along[j] = 0.0
             for c in range(3):
-                away[j, c] = (strip[i, j, c] - board[c]) / contrast
+                away[j, c] = (strip[i, first + j, c] - board[c]) / contrast
                 along[j] += away[j, c] * unit[c]
                 mean[c] += away[j, c] / count
-            product += along[j] * (shape[j] - mean_shape)
+            product += along[j] * (shape[first + j] - mean_shape)
             level += along[j] / count
         amplitude = product / power
         ground = level - amplitude * mean_shape
         left = 0.0
         for j in range(count):
-            left += (along[j] - ground - amplitude * shape[j]) ** 2
+            left += (along[j] - ground - amplitude * shape[first + j]) ** 2
             # The colours of board and DLO may lie on a bent line in shade, so of the other colours
             # only what changes across counts.
             for c in range(3):

@@ -16,12 +16,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, median_filter
+from scipy.ndimage import median_filter
 
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.edge_levels import doubt_of_middle
 from dlo_ros.vision.segmentation.edge_search import (
     FADE,
+    band_mean,
     blur_length,
     climbing_length,
     middle_of,
@@ -35,6 +36,7 @@ from dlo_ros.vision.segmentation.picture_strip import (
     inside,
     normals_of,
     smooth_curve,
+    smooth_strip,
     strip_along,
 )
 from dlo_ros.vision.segmentation.profile_masks import (
@@ -165,10 +167,11 @@ def locate(
     strip = strip_along(image, curve, normals, offsets)
     along = 0.4 * width / spacing
 
+    fine = smooth_strip(strip, along)
+
     def mean(low: float, high: float) -> Float32:
         first, last = np.searchsorted(offsets, [low * width - 1e-6, high * width + 1e-6])
-        colours = strip[:, first:last].mean(axis=1)
-        return np.asarray(gaussian_filter1d(colours, along, axis=0, mode="nearest"))
+        return np.asarray(band_mean(fine, first, last))
 
     core, left, right = mean(-CORE, CORE), mean(-GROUND[1], -GROUND[0]), mean(*GROUND)
     # A DLO of two tones may have one of them at either edge.
@@ -179,7 +182,6 @@ def locate(
     usual = float(np.median(np.minimum(contrast_left, contrast_right)))
     usual = max(usual, 1.0)
     typical = np.median(core, axis=0) if colour is None else colour
-    fine = gaussian_filter1d(strip, along, axis=0, mode="nearest")
     middle = np.zeros(len(curve))
     half = 0.5 * width
     slope_left, climb_left = slope_towards(fine, offsets, core_left - left)

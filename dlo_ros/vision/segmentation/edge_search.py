@@ -17,6 +17,20 @@ LENS_STD = 0.5  # [px] of a lens's point spread: hardly any camera's picture is 
 
 
 @njit()
+def band_mean(strip: Float32, first: int, last: int) -> Float32:
+    """Mean colour of the samples first to last (exclusive) of each profile, shape (m, 3)."""
+    rows, _, channels = strip.shape
+    result = np.zeros((rows, channels), dtype=np.float32)
+    for i in range(rows):
+        for j in range(first, last):
+            for c in range(channels):
+                result[i, c] += strip[i, j, c]
+        for c in range(channels):
+            result[i, c] /= np.float32(last - first)
+    return result
+
+
+@njit()
 def slope_towards(strip: Float32, offsets: FloatArray, change: Float32) -> tuple[Float32, Float32]:
     """Slope of the picture across the DLO towards a colour.
 

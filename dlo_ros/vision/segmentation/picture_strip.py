@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.ridge_map import Image
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
+TRUNCATED = 4.0  # standard deviations at which a Gaussian ends
 CORE = 0.3  # half width of the part taken as the DLO's own colour, in widths
 
 
@@ -55,10 +57,37 @@ def strip_along(
     image: Image, curve: FloatArray, normals: FloatArray, offsets: FloatArray
 ) -> Float32:
     """Colours on lines across a curve, shape (m, k, 3)."""
-    x = (curve[:, 0, None] + normals[:, 0, None] * offsets).astype(np.float32)
-    y = (curve[:, 1, None] + normals[:, 1, None] * offsets).astype(np.float32)
+    x, y = _lines_across(curve, normals, offsets)
     sampled = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(sampled, dtype=np.float32)
+
+
+@njit()
+def _lines_across(
+    curve: FloatArray, normals: FloatArray, offsets: FloatArray
+) -> tuple[Float32, Float32]:
+    """Pixels x and y of points on lines across a curve, shapes (m, k)."""
+    x = np.empty((len(curve), len(offsets)), dtype=np.float32)
+    y = np.empty_like(x)
+    for i in range(len(curve)):
+        for j in range(len(offsets)):
+            x[i, j] = curve[i, 0] + normals[i, 0] * offsets[j]
+            y[i, j] = curve[i, 1] + normals[i, 1] * offsets[j]
+    return x, y
+
+
+def smooth_strip(strip: Float32, along: float, across: float = 0.0) -> Float32:
+    """Gaussian means of what `strip_along` returned, or of a column for each of its lines.
+
+    Args:
+        strip: shape (m, k) or (m, k, 3).
+        along, across: standard deviations along the curve and across it, in samples.
+    """
+    sizes = [2 * round(TRUNCATED * sigma) + 1 for sigma in (across, along)]
+    smooth = cv2.GaussianBlur(
+        strip, sizes, sigmaX=across, sigmaY=along, borderType=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(smooth, dtype=np.float32)
 
 
 def inside(image: Image, points: FloatArray, margin: float = 0.0) -> Mask:

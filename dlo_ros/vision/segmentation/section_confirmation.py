@@ -10,10 +10,10 @@ to both sides predicts the middle with a standard deviation, and what lies elsew
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import binary_dilation
 
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.picture_strip import Mask
+from dlo_ros.vision.segmentation.profile_masks import eroded
 
 NEARBY = 4.0  # [widths] to both sides of a stretch, along which sure sections predict it
 ORDER = 4  # coefficients of a cubic
@@ -53,7 +53,7 @@ def confirm(
     """
     sure = seen & both
     gaps = _longer(~sure, longest)
-    sure &= ~binary_dilation(gaps, iterations=max(1, round(2.0 * along)))
+    sure &= eroded(~gaps, max(1, round(2.0 * along)))
     doubtful = seen & ~sure
     doubt = np.zeros(len(seen))
     scatter = _scatter(points, normals, sure, max(1, round(width / spacing)))
@@ -75,7 +75,7 @@ def confirm(
         middle, half = 0.5 * (near[0] + near[-1]), 0.5 * (near[-1] - near[0])
         basis = np.vander((near - middle) / half, ORDER)
         here = np.vander((at - middle) / half, ORDER)
-        inverse = np.linalg.pinv(basis.T @ basis)
+        inverse = np.linalg.inv(basis.T @ basis)
         predicted = here @ (inverse @ (basis.T @ points[near]))
         std = scatter * np.sqrt(alike * np.einsum("ij,jk,ik->i", here, inverse, here))
         apart = np.abs(np.sum((points[at] - predicted) * normals[at], axis=1))

@@ -8,12 +8,15 @@ contrast may be but half of it. The two edges that lie the known width apart are
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+from scipy.ndimage import maximum_filter1d
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.picture_strip import (
+    Float32,
     normals_of,
     smooth_curve,
+    smooth_strip,
     spacing_for,
     strip_along,
 )
@@ -50,9 +53,7 @@ def centred(image: Image, curve: FloatArray, width: float) -> tuple[FloatArray, 
     normals = normals_of(smooth_curve(curve, 1.5 * width / spacing))
     strip = strip_along(image, curve, normals, offsets)
     # Along the DLO its edges stay where they are, texture does not.
-    strip = gaussian_filter1d(strip, 0.7 * width / spacing, axis=0, mode="nearest")
-    strip = gaussian_filter1d(strip, BLUR * width / step, axis=1, mode="nearest")
-    edge = np.linalg.norm(np.gradient(strip, axis=1), axis=2)
+    edge = _steepness(smooth_strip(strip, 0.7 * width / spacing, BLUR * width / step))
     # Only the tops of edges: the flank of a strong one outdoes the top of a weak one.
     size = 2 * max(1, round(PEAK * width / step)) + 1
     edge = np.where(edge >= maximum_filter1d(edge, size, axis=1), edge, 0.0)
@@ -74,3 +75,22 @@ def centred(image: Image, curve: FloatArray, width: float) -> tuple[FloatArray, 
         return curve, False
     moved = smooth_curve((shift * step)[:, None], width / spacing)
     return curve + moved * normals, True
+
+
+@njit()
+def _steepness(strip: Float32) -> Float32:
+    """Change of the colour across a curve from each sample to the next [grey levels], shape (m, k).
+
+    Args:
+        strip: colours across the curve, shape (m, k, 3).
+    """
+    rows, samples, channels = strip.shape
+    result = np.empty((rows, samples), dtype=np.float32)
+    for i in range(rows):
+        for j in range(samples):
+            low, high = max(j - 1, 0), min(j + 1, samples - 1)
+            square = np.float32(0.0)
+            for c in range(channels):
+                square += (strip[i, high, c] - strip[i, low, c]) ** 2
+            result[i, j] = np.sqrt(square) / np.float32(high - low)
+    return result

@@ -90,7 +90,8 @@ def continued(
     x = index - index[used].mean()
     result = course.copy()
     replaced = inwards < window[0]
-    bend, slope, middle = np.polyfit(x[used], course[used], 2)
+    powers = np.vander(x[used], 3)
+    bend, slope, middle = np.linalg.solve(powers.T @ powers, powers.T @ course[used])
     result[replaced] = (x[replaced, None] * bend + slope) * x[replaced, None] + middle
     return result
 
