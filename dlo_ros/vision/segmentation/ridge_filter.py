@@ -18,6 +18,30 @@ ALIKE = 0.3  # share of the contrast that must be left after the change along: a
 OPPOSITE = 0.5  # cosine between the differences to both sides, beyond which it is an edge
 
 
+@njit()
+def second_differences(image: NDArray[np.uint8], step: int) -> Float32:
+    """Lengths of second differences along every third column of an image [grey levels].
+
+    Args:
+        image: shape (h, w, 3).
+        step: distance of the pixels that are compared [px].
+
+    Returns:
+        Shape (h, m).
+    """
+    height, width, channels = image.shape
+    result = np.empty((height, (max(width - 2 * step, 0) + 2) // 3), dtype=np.float32)
+    for y in range(height):
+        for i in range(result.shape[1]):
+            square = 0
+            for c in range(channels):
+                middle = 2 * int(image[y, 3 * i + step, c])
+                outer = int(image[y, 3 * i, c]) + int(image[y, 3 * i + 2 * step, c])
+                square += (middle - outer) ** 2
+            result[y, i] = np.sqrt(np.float32(square))
+    return result
+
+
 @linked(from_python=True)
 def bars(
     planes: Planes,

@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
-from dlo_ros.vision.segmentation.ridge_map import ORIENTATIONS, RidgeMap
+from dlo_ros.vision.segmentation.ridge_map import ORIENTATIONS, Image, RidgeMap
 
 SHORTEST = 1.5  # widths; a shorter chain is noise
 SHARP_TURN = 1.0  # [rad] over two widths: no bend of a DLO, so the chain is cut there
 GOES_ON = 0.3  # share of a ridge's strength that it has at least nearly a width further on
 END_SPAN = 2.0  # widths over which direction and curvature at a chain's end are measured
-# Tracing stops where no ridge point within two pixels lies ahead and points the same way.
+STEP = 2  # [px] to each side within which tracing looks for the next ridge point
+# Tracing stops where no ridge point within a step lies ahead and points the same way.
 LEAST_AHEAD = 0.6  # cosine of the angle between the way so far and the step: 53 degrees
 LEAST_ALIKE = 0.8  # cosine of the angle between the way so far and the ridge there: 37 degrees
 TURN_COST, ASIDE_COST = 3.0, 2.0  # of one minus these cosines, beside a step's length [px]
@@ -73,16 +74,15 @@ def find_chains(bars: RidgeMap) -> list[Chain]:
     # and the place in their lower half keeps equal ones in order.
     keys = strength.view(np.uint32).astype(np.int64) << 32
     order = np.sort(np.arange(len(rows)) - keys) & 0xFFFFFFFF
-    index = np.full(bars.strength.shape, -1, dtype=np.int32)
-    index[rows, columns] = np.arange(len(rows), dtype=np.int32)
-    angles = bars.orientation[rows, columns].astype(np.float64) * (math.pi / ORIENTATIONS)
-    directions = np.column_stack([np.cos(angles), np.sin(angles)])
-    members, starts = _trace(rows, columns, directions, order, index)
+    angles = np.arange(ORIENTATIONS) * (math.pi / ORIENTATIONS)
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])[bars.orientation[rows, columns]]
+    members, starts = _trace(rows, columns, directions, order, bars.strength.shape)
     xy = np.column_stack([columns + offsets[:, 0], rows + offsets[:, 1]])
-    colours = bars.colour[rows, columns].astype(np.float64)
     least = max(4, math.ceil(SHORTEST * bars.width))
     kernel = _gaussian(0.35 * bars.width)
-    smooth, medians, tones = _describe(xy, strength, colours, members, starts, least, kernel)
+    smooth, medians, tones = _describe(
+        xy, strength, bars.colour, rows, columns, members, starts, least, kernel
+    )
     chains: list[Chain] = []
     for k in np.flatnonzero(np.diff(starts) >= least):
         part = slice(starts[k], starts[k + 1])
@@ -101,7 +101,9 @@ def _gaussian(sigma: float) -> FloatArray:
 def _describe(
     xy: FloatArray,
     strength: NDArray[np.float32],
-    colours: FloatArray,
+    image: Image,
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
     members: NDArray[np.int64],
     starts: NDArray[np.int64],
     least: int,
@@ -131,7 +133,8 @@ def _describe(
         medians[c] = np.median(values)
         for channel in range(3):
             for i in range(first, last):
-                values[i - first] = colours[members[i], channel]
+                at = members[i]
+                values[i - first] = image[rows[at], columns[at], channel]
             tones[c, channel] = np.median(values)
     return smooth, medians, tones
 
@@ -295,11 +298,14 @@ def _trace(
     columns: NDArray[np.int64],
     directions: FloatArray,
     order: NDArray[np.int64],
-    index: NDArray[np.int32],
+    shape: tuple[int, int],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Chains of ridge points: members of all chains one after the other, and where each starts."""
     total = len(rows)
-    height, width = index.shape
+    # The index of the point on each pixel, with a border as wide as a step.
+    index = np.full((shape[0] + 2 * STEP, shape[1] + 2 * STEP), -1, dtype=np.int32)
+    for k in range(total):
+        index[rows[k] + STEP, columns[k] + STEP] = k
     used = np.zeros(total, dtype=np.bool_)
     members = np.empty(total, dtype=np.int64)
     starts = np.empty(total + 1, dtype=np.int64)
@@ -307,10 +313,10 @@ def _trace(
     filled = 0
     forward = np.empty(total, dtype=np.int64)
     backward = np.empty(total, dtype=np.int64)
-    distances = np.empty((5, 5))
-    for dy in range(-2, 3):
-        for dx in range(-2, 3):
-            distances[dy + 2, dx + 2] = math.sqrt(dx * dx + dy * dy)
+    distances = np.empty((2 * STEP + 1, 2 * STEP + 1))
+    for dy in range(-STEP, STEP + 1):
+        for dx in range(-STEP, STEP + 1):
+            distances[dy + STEP, dx + STEP] = math.sqrt(dx * dx + dy * dy)
     for seed in order:
         if used[seed]:
             continue
@@ -324,18 +330,12 @@ def _trace(
                 best = -1
                 least = 1e9
                 bx, by = 0.0, 0.0
-                for dy in range(-2, 3):
-                    y = rows[here] + dy
-                    if y < 0 or y >= height:
-                        continue
-                    for dx in range(-2, 3):
-                        x = columns[here] + dx
-                        if x < 0 or x >= width:
-                            continue
-                        other = index[y, x]
+                for dy in range(-STEP, STEP + 1):
+                    for dx in range(-STEP, STEP + 1):
+                        other = index[rows[here] + dy + STEP, columns[here] + dx + STEP]
                         if other < 0 or used[other]:
                             continue
-                        distance = distances[dy + 2, dx + 2]
+                        distance = distances[dy + STEP, dx + STEP]
                         ahead = (dx * tx + dy * ty) / distance
                         if ahead < LEAST_AHEAD:
                             continue
@@ -360,11 +360,9 @@ def _trace(
                 # Neighbours beside the step belong to the same ridge.
                 for dy in range(-1, 2):
                     for dx in range(-1, 2):
-                        y, x = rows[best] + dy, columns[best] + dx
-                        if 0 <= y < height and 0 <= x < width:
-                            beside = index[y, x]
-                            if beside >= 0 and abs(dx * tx + dy * ty) < OWN_HALF_WIDTH:
-                                used[beside] = True
+                        beside = index[rows[best] + dy + STEP, columns[best] + dx + STEP]
+                        if beside >= 0 and abs(dx * tx + dy * ty) < OWN_HALF_WIDTH:
+                            used[beside] = True
                 if side == 0:
                     forward[lengths[0]] = best
                 else:
