@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.command import Command
-from dlo_ros.effects import effects, quantities
+from dlo_ros.effects import Effect, effects, quantities
 from dlo_ros.effects.measurement.length_error import LengthError
 from dlo_ros.effects.physics.clamp_angle import ClampAngle
 from dlo_ros.effects.physics.clamp_offset import ClampOffset
@@ -216,10 +216,12 @@ def _compiled(
         pair = []
         for other, asked in both_sides(model, command, chosen):
             there = true_command(other, asked)
-            commands.append(imposed_of(other, boundary, there))
-            same = other is model
-            systems.append(systems[0] if same else parts_of(other, boundary, flat=flat))
-            pair.append(any(map(_differ, commands[-1], commands[0])))
+            # An effect on the command or on the measurement alone leaves the rod as it is.
+            rod = other if _shapes_rod(name) else model
+            systems.append(systems[0] if rod is model else parts_of(rod, boundary, flat=flat))
+            unmoved = rod is model and there is true
+            commands.append(commands[0] if unmoved else imposed_of(rod, boundary, there))
+            pair.append(not unmoved and any(map(_differ, commands[-1], commands[0])))
         moves.append(any(pair) or systems[-1].reach != systems[-2].reach)
         steps.append(chosen.step)
     system, step = stacked(systems), np.array(steps, dtype=np.float64)
@@ -227,6 +229,13 @@ def _compiled(
         system, stacked_imposed(commands), step, np.array(moves, dtype=np.float64),
         _rates(system, step), _kind(model),
     )  # fmt: skip
+
+
+def _shapes_rod(name: str) -> bool:
+    """Whether a parameter may change the rod itself."""
+    if not name.startswith(EFFECTS_PREFIX):
+        return True
+    return effects()[parsed(name)[0]].shape_body is not Effect.shape_body
 
 
 def _kind(model: RodModel) -> float:

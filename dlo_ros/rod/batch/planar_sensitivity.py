@@ -5,54 +5,68 @@ from __future__ import annotations
 
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.batch.simd_kernels import COLUMN, slopes, span_stretch
+from dlo_ros.rod.batch.simd_tables import local_tables
+from dlo_ros.rod.batch.span_lanes import gather, scatter_numbers
+from dlo_ros.rod.batch.stress_sensitivity import stress
 from dlo_ros.rod.elements.strains import MIDDLE
-from dlo_ros.rod.simd.eight_lanes import entry, load, root, spread, store
+from dlo_ros.rod.simd.eight_lanes import entry, load, root, row_address, spread, store
 
-GRADIENTS = 6  # rows of a point: derivatives of stretch by p, of curvature by p and s
+GRADIENTS = 6  # numbers of a point: derivatives of stretch by p, of curvature by p and s
+ROOM = 37  # rows of `SpanLanes.work` from which on there is room for a group's numbers
 
 
 @linked()
 def strain_gradients(q, tables, out):
-    """Write the derivatives of the strains at every point, see `GRADIENTS`."""
-    for e in range(3 * tables.spans):
-        px, pz, sx, sz = slopes(q, tables, e)
-        r2 = 1.0 / (px * px + pz * pz)
-        r = root(r2)
-        g = r2 * r
-        f, at = 3.0 * (pz * sx - px * sz) * g * r2, GRADIENTS * e
-        store(out, at, px * r)
-        store(out, at + 1, pz * r)
-        store(out, at + 2, -(sz * g) - f * px)
-        store(out, at + 3, sx * g - f * pz)
-        store(out, at + 4, pz * g)
-        store(out, at + 5, -(px * g))
+    """Write the derivatives of the strains at every point, see `GRADIENTS`, eight spans at a time.
+
+    Args:
+        out: output, (GRADIENTS nb,).
+    """
+    lanes = tables.together
+    room = row_address(lanes.work, ROOM)
+    for group in range(lanes.groups):
+        gather(lanes.numbers, group, q, 2, 8, row_address(lanes.work, 0))
+        local = local_tables(tables, group)
+        for k in range(3):
+            px, pz, sx, sz = slopes(row_address(lanes.work, 0), local, k)
+            r2 = 1.0 / (px * px + pz * pz)
+            r = root(r2)
+            g = r2 * r
+            f, at = 3.0 * (pz * sx - px * sz) * g * r2, GRADIENTS * k
+            store(room, at, px * r)
+            store(room, at + 1, pz * r)
+            store(room, at + 2, -(sz * g) - f * px)
+            store(room, at + 3, sx * g - f * pz)
+            store(room, at + 4, pz * g)
+            store(room, at + 5, -(px * g))
+        scatter_numbers(lanes.numbers, group, lanes.size, room, 3 * GRADIENTS, out)
 
 
 @linked()
-def subtract_stresses(sets, tables, rates, change, rate_weights, gradients, strains, right):
-    """Subtract the forces of the stresses' derivatives, the shape held, from `right`."""
-    points, law, more = 3 * tables.spans, sets.law, rates.law
-    t_r, slower = load(sets.relaxation_time, 0), load(rates.relaxation_time, 0)
-    past, faster = t_r * rate_weights[1], t_r * rate_weights[2]
+def subtract_stresses(tables, rates, change, pace, gradients, stresses, right):
+    """Subtract the forces of the stresses' derivatives, the shape held, from `right`.
+
+    Args:
+        rates, change: derivatives of the rod's numbers and of its state before the step.
+        pace, stresses: see `stress_sensitivity.stress`.
+        gradients: see `strain_gradients`.
+    """
+    points, more = 3 * tables.spans, rates.law
     for e in range(points):
         span = e // 3
-        bent = load(more.bend, e) * load(strains, points + e) + load(law.bend, e) * (
-            slower * load(strains, 3 * points + e) + past * load(change.bend, e)
-            + faster * load(change.bend_before, e) - load(more.bend_rest, e)
-        )  # fmt: skip
+        bent = stress((more.bend, more.bend_rest, change.bend, change.bend_before), e, stresses,
+                      points + e, pace)  # fmt: skip
         at = GRADIENTS * e
-        px, pz = bent * load(gradients, at + 2), bent * load(gradients, at + 3)
-        sx, sz = bent * load(gradients, at + 4), bent * load(gradients, at + 5)
+        px, pz = bent * entry(gradients, at + 2), bent * entry(gradients, at + 3)
+        sx, sz = bent * entry(gradients, at + 4), bent * entry(gradients, at + 5)
         linear = entry(tables.linear, span) > 0.0
         if linear or e % 3 == 1:
-            pull = load(more.stretch, e) * load(strains, e) + load(law.stretch, e) * (
-                slower * load(strains, 2 * points + e) + past * load(change.stretch, e)
-                + faster * load(change.stretch_before, e) - load(more.stretch_rest, e)
-            )  # fmt: skip
+            pull = stress((more.stretch, more.stretch_rest, change.stretch, change.stretch_before),
+                          e, stresses, e, pace)  # fmt: skip
             if not linear:
                 pull *= 1.0 / MIDDLE
-            px += pull * load(gradients, at)
-            pz += pull * load(gradients, at + 1)
+            px += pull * entry(gradients, at)
+            pz += pull * entry(gradients, at + 1)
         for i in range(4):
             u, v, k = entry(tables.b1, 4 * e + i), entry(tables.b2, 4 * e + i), 2 * (span + i)
             store(right, k, load(right, k) - u * px - v * sx)
@@ -95,9 +109,9 @@ def vary_strains(tables, gradients, change, d_q):
         store(change.bend_before, e, load(change.bend, e))
         px, pz, sx, sz = slopes(d_q, tables, e)
         at = GRADIENTS * e
-        store(change.stretch, e, load(gradients, at) * px + load(gradients, at + 1) * pz)
-        bent = load(gradients, at + 2) * px + load(gradients, at + 3) * pz
-        bent += load(gradients, at + 4) * sx + load(gradients, at + 5) * sz
+        store(change.stretch, e, entry(gradients, at) * px + entry(gradients, at + 1) * pz)
+        bent = entry(gradients, at + 2) * px + entry(gradients, at + 3) * pz
+        bent += entry(gradients, at + 4) * sx + entry(gradients, at + 5) * sz
         store(change.bend, e, bent)
         if e % 3 == 2:
-            span_stretch(change.stretch, e - 2, entry(tables.linear, e // 3) > 0.0)
+            span_stretch(change.stretch, e - 2, entry(tables.linear, e // 3))

@@ -12,6 +12,7 @@ from dlo_ros.rod.batch.layout import Layout, bending
 from dlo_ros.rod.batch.simd_kernels import COLUMN, BatchLaw
 from dlo_ros.rod.batch.simd_sensitivity import Variations
 from dlo_ros.rod.batch.simd_step import Sets
+from dlo_ros.rod.batch.stress_sensitivity import STRESS
 from dlo_ros.rod.boundary.conditions import FRAME, Imposed
 from dlo_ros.rod.elements.rod_tables import Reference
 from dlo_ros.rod.model import RodModel
@@ -30,8 +31,8 @@ def _no_parameters() -> Variations:
     imposed = Imposed(table, many, many, many, np.zeros(0, dtype=np.int64), table, table)
     rates = Sets(BatchLaw(group, group, group, group), group, group, group, group, group)
     return Variations(
-        rates, none, group, imposed, none, none, none, many, group, group, group, group,
-        group, group, np.zeros((0, 0, 0)), none, none,
+        rates, none, group, imposed, none, none, none, many, group, group, rows(0), none, none,
+        none, group, np.zeros((0, 0, 0)), none, rows(0),
     )  # fmt: skip
 
 
@@ -62,10 +63,11 @@ class SensitivityLanes:
             rows(self.groups, self._place[-1]), rod.imposed, rod.system.reach, rod.step, rod.moves,
             np.zeros((self.count, 2, 2, FRAME)), rows(self.groups, d * n),
             rows(self.groups, d * n + (COLUMN - 1 if self._flat else 0)),
-            rows(self.groups, 0 if self._flat else 2 * points), rows(1, kernels.GRADIENTS * points),
-            rows(1, 4 * points if self._flat else 8 * points),
+            rows(0 if self._flat else 2 * points), np.zeros(len(layout.room.scratch.band)),
+            np.zeros(kernels.GRADIENTS * points),
+            np.zeros(STRESS * points * (2 if self._flat else 4)),
             rows(1, 0 if self._flat else 10 * points), np.zeros((2, n, d)), np.zeros(2),
-            np.zeros(d * n),
+            rows(d * n),
         )  # fmt: skip
 
     def _lanes(self, values: FloatArray) -> FloatArray:

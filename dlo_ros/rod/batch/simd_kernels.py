@@ -79,7 +79,24 @@ def slopes(q, tables, e):
 
 @linked()
 def strains(q, tables, stretch, bend):
-    """Write stretch of whole spans and curvature, (nb, LANES)."""
+    """Write stretch of whole spans and curvature, (nb, LANES); of one rod eight spans at a time."""
+    lanes, numbers = tables.together, tables.together.numbers
+    own, long, bent = (
+        row_address(lanes.work, 0), row_address(lanes.work, 8), row_address(lanes.work, 11),
+    )  # fmt: skip
+    for group in range(lanes.groups):
+        spans = min(LANES, lanes.size - LANES * group)
+        gather(numbers, group, q, 2, 8, own)
+        _strains(own, local_tables(tables, group), long, bent)
+        scatter(numbers, group, spans, long, 3, 3, 0, 3 * tables.spans, stretch)
+        scatter(numbers, group, spans, bent, 3, 3, 0, 3 * tables.spans, bend)
+    if lanes.groups == 0:
+        _strains(q, tables, stretch, bend)
+
+
+@njit(from_python=False)
+def _strains(q, tables, stretch, bend):
+    """`strains` of all rods in lanes, or of all spans in them."""
     for e in range(3 * tables.spans):
         px, pz, sx, sz = slopes(q, tables, e)
         square = px * px + pz * pz
@@ -87,21 +104,18 @@ def strains(q, tables, stretch, bend):
         store(bend, e, (pz * sx - px * sz) / (square * n))
         store(stretch, e, n - 1.0)
         if e % 3 == 2:
-            span_stretch(stretch, e - 2, entry(tables.linear, e // 3) > 0.0)
+            span_stretch(stretch, e - 2, entry(tables.linear, e // 3))
 
 
 @njit(inline="always")
 def span_stretch(stretch, first, linear):
-    """`strains.span_stretch` of a span whose first point is given."""
+    """`strains.span_stretch` of a span whose first point is given; `linear` is 1 or 0."""
     a, b, c = load(stretch, first), load(stretch, first + 1), load(stretch, first + 2)
-    if linear:
-        mean, tilt = OUTER * (a + c) + MIDDLE * b, 0.5 * (c - a)
-        store(stretch, first, mean - tilt)
-        store(stretch, first + 1, mean)
-        store(stretch, first + 2, mean + tilt)
-    else:
-        store(stretch, first, b)
-        store(stretch, first + 2, b)
+    mean = linear * (OUTER * (a + c) + MIDDLE * b) + (1.0 - linear) * b
+    tilt = linear * (0.5 * (c - a))
+    store(stretch, first, mean - tilt)
+    store(stretch, first + 1, mean)
+    store(stretch, first + 2, mean + tilt)
 
 
 @linked()

@@ -15,18 +15,19 @@ import numpy as np
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.batch import planar_sensitivity, spatial_kernels, spatial_sensitivity
-from dlo_ros.rod.batch.simd_kernels import BatchLaw, Frame, Scratch, assemble
+from dlo_ros.rod.batch.simd_kernels import BatchLaw, Frame, assemble
 from dlo_ros.rod.batch.simd_solver import solve, solve_again
-from dlo_ros.rod.batch.simd_step import BatchState, Sets
+from dlo_ros.rod.batch.simd_step import BatchState, Sets, add_inertia_and_drag
 from dlo_ros.rod.batch.simd_tables import Tables
+from dlo_ros.rod.batch.stress_sensitivity import strains_ago, strains_beyond
 from dlo_ros.rod.boundary.conditions import Imposed, impose
 from dlo_ros.rod.simd.eight_lanes import (
     LANES,
     address,
     entry,
     load,
+    put_entry,
     row_address,
-    spread,
     store,
 )  # fmt: skip
 from dlo_ros.rod.simd.vector_algebra import INLINE
@@ -52,28 +53,24 @@ class Variations(NamedTuple):
     frames: FloatArray  # (P, 2, 2, FRAME) frames of the ends, above and below
     increments: FloatArray  # (G, d n, LANES) derivatives of what is imposed
     right: FloatArray  # (G, d n, LANES) right-hand sides and solutions; in the plane 7 more zeros
-    turn: FloatArray  # (G, 2 nb, LANES) see `spatial_sensitivity.turn_frame`; none in the plane
-    gradients: FloatArray  # (1, rows, LANES) of the strains, see `strain_gradients`
-    strains: FloatArray  # (1, rows, LANES) of stretch, of bending and twist: beyond those at rest;
-    # then their rates
+    turn: FloatArray  # (2 nb, LANES) of a group, see `subtract_stresses`; none in the plane
+    factors: FloatArray  # numbers of the factorised matrix
+    gradients: FloatArray  # numbers of the points that all parameters share, see `strain_gradients`
+    stresses: FloatArray  # those of stretch, of bending and twist, see `STRESS`
     frame: FloatArray  # (1, 10 nb, LANES) reference frame before the step; none in the plane
     target: FloatArray  # (2, n, d) where the held control points must be, above and below
     theta: FloatArray  # (2,) twist angles of the ends before the step [rad]
-    free: FloatArray  # (d n,) zeros: nothing is held
+    free: FloatArray  # (d n, LANES) zeros: nothing is held
 
 
 @linked()
 def remember(tables, motion, variations):
     """Keep what `simd_step.accept` forgets: the strains one step ago, frame and twist angles."""
-    points, out = 3 * tables.spans, address(variations.strains)
-    for e in range(points):
-        store(out, e, load(motion.stretch_before, e))
-    if tables.dof != 4:
-        for e in range(points):
-            store(out, points + e, load(motion.bend_before, e))
+    points, out = 3 * tables.spans, address(variations.stresses)
+    strains_ago(motion.stretch_before, points, 0, out)
+    strains_ago(motion.bend_before, points * (1 if tables.dof == 2 else 3), points, out)
+    if tables.dof == 2:
         return
-    for e in range(3 * points):
-        store(out, points + e, load(motion.bend_before, e))
     frame = _frame_before(tables, variations)
     for e in range(3 * points):
         store(frame.tangent, e, load(motion.frame.tangent, e))
@@ -147,66 +144,76 @@ def propagate(sets, tables, motion, room, h, rate_weights, place, variations):
         tables.n, dof, tables.spans, 0, tables.n, address(v.free), tables.linear,
         tables.twist_linear, tables.b, tables.b1, tables.b2, tables.products, tables.together,
     )  # fmt: skip
-    gradients, strains, frame = address(v.gradients), address(v.strains), _frame_before(tables, v)
+    gradients, stresses, frame = address(v.gradients), address(v.stresses), _frame_before(tables, v)
+    points, own = 3 * tables.spans, sets.law
     if dof == 4:
         spatial_kernels.assemble(
             motion.q, whole, frame, law, scratch, room.matrix, motion.tension, True
         )
-        spatial_sensitivity.strain_gradients(motion.q, tables, frame, motion.bend, gradients)
+        spatial_sensitivity.strain_gradients(motion.q, tables, frame, law, motion.bend, gradients)
     else:
         assemble(motion.q, whole, law, scratch, room.matrix, motion.tension, True)
         planar_sensitivity.strain_gradients(motion.q, tables, gradients)
-    _beyond_rest(sets, tables, motion, rate_weights, strains)
+    strains_beyond(own.stretch, own.stretch_rest, sets.relaxation_time, motion.stretch,
+                   motion.stretch_before, rate_weights, points, 0, stresses)  # fmt: skip
+    strains_beyond(own.bend, own.bend_rest, sets.relaxation_time, motion.bend, motion.bend_before,
+                   rate_weights, points * (1 if dof == 2 else 3), points, stresses)  # fmt: skip
+    t_r = entry(sets.relaxation_time, 0)
     groups, size, band = v.heavier.size, dof * tables.n, scratch.band
     for g in range(groups):
-        rates, change = sets_at(v.rates, g), state_at(v.changes, g, place)
-        right, increments, turn = _group(v.right, g), _group(v.increments, g), _group(v.turn, g)
+        right, increments, loads = (
+            _group(v.right, g), _group(v.increments, g), _group(v.rates.load, g),
+        )  # fmt: skip
         for i in range(size):
-            store(right, i, load(rates.load, i))
-        if dof == 4:
-            spatial_sensitivity.subtract_stresses(
-                sets, tables, rates, change, rate_weights, law, motion.bend, frame, gradients,
-                strains, scratch.point, turn, right,
-            )  # fmt: skip
-        else:
-            planar_sensitivity.subtract_stresses(
-                sets, tables, rates, change, rate_weights, gradients, strains, right
-            )
-        _add_inertia(sets, tables, change, h, right)
-        if v.heavier[g] != 0.0:
-            _subtract_own_inertia(tables, rates, motion, right)
+            store(right, i, load(loads, i))
         if dof == 4:
             spatial_sensitivity.subtract_imposed(tables, band, increments, right)
         else:
             planar_sensitivity.subtract_imposed(tables, band, increments, right)
-        for i in range(size):
-            if entry(tables.fixed, i) != 0.0:
-                store(right, i, spread(0.0))
     if dof == 4:
         spatial_kernels.hold(tables, band)
     else:
         planar_sensitivity.uncouple(tables, band)
+    solve(scratch, tables)  # for the factors; they are the same in all lanes
+    for i in range(v.factors.size):
+        put_entry(v.factors, i, entry(band, LANES * i))
+    factors, turn, (c_mass, c_drag) = address(v.factors), address(v.turn), weights(h)
+    # Group by group from here on, so that what one of them has stays near the processor.
     for g in range(groups):
-        right, increments, turn = _group(v.right, g), _group(v.increments, g), _group(v.turn, g)
-        if g == 0:
-            solve(
-                Scratch(scratch.gradient, right, band, scratch.point, scratch.line,
-                        scratch.tangent),
-                tables,
-            )  # fmt: skip
-        else:
-            solve_again(band, right, tables)
-        for i in range(size):
-            if entry(tables.fixed, i) != 0.0:
-                store(right, i, load(increments, i))
+        rates, right = sets_at(v.rates, g), _group(v.right, g)
         change = state_at(v.changes, g, place)
-        _move_on(tables, change, h, right)
+        pace = load(rates.relaxation_time, 0), t_r * rate_weights[1], t_r * rate_weights[2]
         if dof == 4:
-            spatial_sensitivity.vary_strains(
-                tables, motion.frame, motion.bend, gradients, turn, change, right
+            spatial_sensitivity.subtract_stresses(
+                tables, rates, change, pace, gradients, stresses, turn, right
             )
         else:
+            planar_sensitivity.subtract_stresses(
+                tables, rates, change, pace, gradients, stresses, right
+            )
+        for i in range(size):
+            q_star, v_star, lag = _extrapolated(change, h, i)
+            store(room.q_star, i, c_mass * q_star + lag)
+            store(room.v_star, i, c_drag * q_star - v_star)
+        add_inertia_and_drag(sets, tables, room.q_star, room.v_star, 1.0, right)
+        if v.heavier[g] != 0.0:
+            add_inertia_and_drag(rates, tables, motion.acceleration, motion.velocity, -1.0, right)
+        _hold(tables, right, address(v.free))
+        solve_again(factors, right, tables)
+        _hold(tables, right, _group(v.increments, g))
+        _move_on(tables, change, h, right)
+        if dof == 4:
+            spatial_sensitivity.vary_strains(tables, gradients, turn, change, right)
+        else:
             planar_sensitivity.vary_strains(tables, gradients, change, right)
+
+
+@njit(from_python=False)
+def _hold(tables, right, values):
+    """Give what is held rows of values."""
+    for i in range(tables.dof * tables.n):
+        if entry(tables.fixed, i) != 0.0:
+            store(right, i, load(values, i))
 
 
 @njit(from_python=False)
@@ -242,28 +249,6 @@ def _group(rows, c):
     return row_address(rows, c * rows.shape[1])
 
 
-@linked()
-def _beyond_rest(sets, tables, motion, rate_weights, out):
-    """Write strains and rates, see `Variations.strains`; those two steps ago are there already."""
-    points, law = 3 * tables.spans, sets.law
-    bends = points * (3 if tables.dof == 4 else 1)
-    _beyond(points, motion.stretch, motion.stretch_before, law.stretch_rest,
-            sets.relaxation_time, rate_weights, out, 0, points + bends)  # fmt: skip
-    _beyond(bends, motion.bend, motion.bend_before, law.bend_rest,
-            sets.relaxation_time, rate_weights, out, points, points + bends)  # fmt: skip
-
-
-@linked()
-def _beyond(count, now, before, rest, relaxation, rate_weights, out, first, rates):
-    """Write a number of strains beyond those at rest, with damping, and their rates behind them."""
-    t_r, (c0, c1, c2) = load(relaxation, 0), rate_weights
-    for e in range(count):
-        x, k = load(now, e), first + e
-        rate = c0 * x + c1 * load(before, e) + c2 * load(out, k)
-        store(out, k, x - load(rest, e) + t_r * rate)
-        store(out, rates + k, rate)
-
-
 @njit(**INLINE)
 def _extrapolated(change, h, k):
     """Number k of the derivatives of `generalised_alpha.extrapolated`."""
@@ -274,39 +259,6 @@ def _extrapolated(change, h, k):
         v + (h * (1.0 - GAMMA)) * w,
         (ALPHA_F / (1.0 - ALPHA_F)) * a - (ALPHA_M / (1.0 - ALPHA_F)) * w,
     )
-
-
-@linked()
-def _add_inertia(sets, tables, change, h, right):
-    """Add inertia and drag that the derivatives before the step cause to the right-hand side."""
-    n, dof, (c_mass, c_drag) = tables.n, tables.dof, weights(h)
-    for j in range(n):
-        for c in range(dof):
-            q_star, v_star, lag = _extrapolated(change, h, dof * j + c)
-            past, passing = c_mass * q_star + lag, c_drag * q_star - v_star
-            _add_products(sets, n, dof, j, c, past, passing, right)
-
-
-@linked()
-def _subtract_own_inertia(tables, rates, motion, right):
-    """Subtract what parameters add to the rod's own inertia and drag from the right-hand side."""
-    n, dof = tables.n, tables.dof
-    for j in range(n):
-        for c in range(dof):
-            a, v = load(motion.acceleration, dof * j + c), load(motion.velocity, dof * j + c)
-            _add_products(rates, n, dof, j, c, -a, -v, right)
-
-
-@njit(from_python=False)
-def _add_products(sets, n, dof, j, c, acceleration, velocity, right):
-    """Add inertia and drag by coordinate c of control point j to all that they act on."""
-    for i in range(max(0, j - 3), min(n, j + 4)):
-        at, k = (4 * i + 3 - i + j if j <= i else 4 * j + 3 - j + i), dof * i + c
-        if c == 3:
-            store(right, k, load(right, k) + load(sets.spin, at) * acceleration)
-        else:
-            x = load(right, k) + load(sets.mass, at) * acceleration
-            store(right, k, x + load(sets.drag, at) * velocity)
 
 
 @linked()

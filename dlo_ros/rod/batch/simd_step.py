@@ -88,8 +88,9 @@ def _damped(points, relaxation, now, before, weights, stiffness, rest, out_stiff
 
 
 @linked()
-def _predict(n, dof, sets, motion, room, h, c_mass, c_drag):
+def _predict(tables, sets, motion, room, h, c_mass, c_drag):
     """Start of the step: predictions, matrix and right-hand side."""
+    n, dof = tables.n, tables.dof
     for i in range(4 * n):
         store(room.matrix, i, c_mass * load(sets.mass, i) + c_drag * load(sets.drag, i))
     if dof == 4:
@@ -104,21 +105,34 @@ def _predict(n, dof, sets, motion, room, h, c_mass, c_drag):
         store(room.q, i, q_star + (h * h * BETA) * aux)
         store(room.lag, i, (ALPHA_F / (1.0 - ALPHA_F)) * load(motion.acceleration, i)
               - (ALPHA_M / (1.0 - ALPHA_F)) * aux)  # fmt: skip
+        store(room.rhs, i, load(sets.load, i))
+        # Accelerations and velocities that are owed to the past, in rows that are still free.
+        store(room.auxiliary, i, c_mass * q_star + load(room.lag, i))
+        store(room.scratch.step, i, c_drag * q_star - v_star)
+    add_inertia_and_drag(sets, tables, room.auxiliary, room.scratch.step, 1.0, room.rhs)
+
+
+@linked()
+def add_inertia_and_drag(sets, tables, acceleration, velocity, share, out):
+    """Add a share of the inertia by accelerations and of the drag by velocities to forces.
+
+    Args:
+        acceleration, velocity, out: rows (d n, LANES).
+        share: number.
+    """
+    n, dof = tables.n, tables.dof
     for i in range(n):
-        for c in range(min(dof, 3)):
-            x = load(sets.load, dof * i + c)
-            for j in range(max(0, i - 3), min(n, i + 4)):
+        first, last = max(0, i - 3), min(n, i + 4)
+        for c in range(dof):
+            x = spread(0.0)
+            for j in range(first, last):
                 k, at = dof * j + c, 4 * i + 3 - i + j if j <= i else 4 * j + 3 - j + i
-                q_star = load(room.q_star, k)
-                x += load(sets.mass, at) * (c_mass * q_star + load(room.lag, k))
-                x += load(sets.drag, at) * (c_drag * q_star - load(room.v_star, k))
-            store(room.rhs, dof * i + c, x)
-        if dof == 4:
-            x = load(sets.load, 4 * i + 3)
-            for j in range(max(0, i - 3), min(n, i + 4)):
-                k, at = 4 * j + 3, 4 * i + 3 - i + j if j <= i else 4 * j + 3 - j + i
-                x += load(sets.spin, at) * (c_mass * load(room.q_star, k) + load(room.lag, k))
-            store(room.rhs, 4 * i + 3, x)
+                if c == 3:
+                    x += load(sets.spin, at) * load(acceleration, k)
+                else:
+                    x += load(sets.mass, at) * load(acceleration, k)
+                    x += load(sets.drag, at) * load(velocity, k)
+            store(out, dof * i + c, load(out, dof * i + c) + share * x)
 
 
 @linked()
@@ -192,7 +206,7 @@ def try_step(sets, tables, motion, room, h, weights, limit, newton, pace):
     _damped(bends, relaxation, motion.bend, motion.bend_before, weights, base.bend,
             base.bend_rest, law.bend, law.bend_rest)  # fmt: skip
     n, dof = tables.n, tables.dof
-    _predict(n, dof, sets, motion, room, h, c_mass, c_drag)
+    _predict(tables, sets, motion, room, h, c_mass, c_drag)
     for i in range(dof * n):
         held = entry(tables.fixed, i)
         if held == TARGET:
@@ -239,7 +253,7 @@ def accept(tables, motion, room, h):
     for e in range(3 * tables.spans * (3 if tables.dof == 4 else 1)):
         store(motion.bend_before, e, load(motion.bend, e))
     if tables.dof == 4:
-        spatial_strains.advance_frame(motion.q, tables, motion.frame, motion.stretch, motion.bend)
+        spatial_strains.advance(motion.q, tables, motion.frame, motion.stretch, motion.bend)
     else:
         strains(motion.q, tables, motion.stretch, motion.bend)
     tensions(motion.stretch, room.law, tables, motion.tension)

@@ -116,6 +116,21 @@ def scatter(numbers, group, spans, source, stride, count, low, high, target):
 
 
 @linked()
+def scatter_numbers(numbers, group, size, source, count, target):
+    """Write rows of a group's spans to numbers that the rod has once.
+
+    Args:
+        size: spans of all groups.
+        source: rows (count, LANES).
+        target: numbers (spans, count).
+    """
+    for lane in range(min(LANES, size - LANES * group)):
+        first = count * int(entry(numbers, LANES * group + lane))
+        for r in range(count):
+            put_entry(target, first + r, entry(source, LANES * r + lane))
+
+
+@linked()
 def scatter_columns(numbers, group, spans, source, size, shift, low, high, target):
     """Add columns of a group's stiffness to those of the rod.
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch.simd_kernels import Frame, Scratch, counts, gathered_law
+from dlo_ros.rod.batch.simd_kernels import Scratch, counts, gathered_law
 from dlo_ros.rod.batch.simd_tables import PAIRS, local_tables
 from dlo_ros.rod.batch.span_lanes import gather, scatter, scatter_columns
-from dlo_ros.rod.batch.spatial_strains import get, line, put, slopes
+from dlo_ros.rod.batch.spatial_strains import gathered_rod, get, line, put, slopes
 from dlo_ros.rod.elements.strain_derivatives import Stress, first_at, second
 from dlo_ros.rod.elements.strains import (
     MIDDLE,
@@ -91,18 +91,10 @@ def _add_group(q, tables, frame, law, scratch, group, tension, first):
     lanes = tables.together
     numbers, work, spans = lanes.numbers, lanes.work, min(LANES, lanes.size - LANES * group)
     tense, tangent = row_address(work, 40), row_address(work, 43)
-    carried = Frame(
-        row_address(work, 52), row_address(work, 61), row_address(work, 70), row_address(work, 79)
-    )  # fmt: skip
     gradient, band = row_address(work, 82), row_address(work, 98)
-    gather(numbers, group, q, 4, 16, row_address(work, 0))
-    own = gathered_law(lanes, group, law, 16, 9)
+    carried, own = gathered_rod(q, tables, frame, group), gathered_law(lanes, group, law, 16, 9)
     gather(numbers, group, tension, 3, 3, tense)
     gather(numbers, group, scratch.tangent, 9, 9, tangent)
-    gather(numbers, group, frame.tangent, 9, 9, carried.tangent)
-    gather(numbers, group, frame.rate, 9, 9, carried.rate)
-    gather(numbers, group, frame.director, 9, 9, carried.director)
-    gather(numbers, group, frame.twist, 3, 3, carried.twist)
     for k in range(82, 82 + 16 + 256):
         store(work, k, spread(0.0))
     local = Scratch(gradient, scratch.step, band, scratch.point, scratch.line, tangent)

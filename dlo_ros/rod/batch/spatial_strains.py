@@ -7,8 +7,11 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.batch.simd_kernels import Frame, span_stretch
+from dlo_ros.rod.batch.simd_tables import local_tables
+from dlo_ros.rod.batch.span_lanes import gather, scatter
 from dlo_ros.rod.elements.strains import MIDDLE, OUTER, carried_twist, carry, curvatures, turned
-from dlo_ros.rod.simd.eight_lanes import entry, load, store
+from dlo_ros.rod.simd.eight_lanes import LANES, entry, load, row_address, store
 from dlo_ros.rod.simd.vector_algebra import FLAGS, INLINE, dot, mix, times
 
 
@@ -44,6 +47,42 @@ def slopes(q, tables, e):
 
 
 @linked(**FLAGS)
+def gathered_rod(q, tables, frame, group):
+    """Reference frame of a group's spans in lanes, and their control points in rows 0 to 15 of
+    `SpanLanes.work`.
+    """
+    lanes, numbers = tables.together, tables.together.numbers
+    carried = Frame(
+        row_address(lanes.work, 52), row_address(lanes.work, 61), row_address(lanes.work, 70),
+        row_address(lanes.work, 79),
+    )  # fmt: skip
+    gather(numbers, group, q, 4, 16, row_address(lanes.work, 0))
+    gather(numbers, group, frame.tangent, 9, 9, carried.tangent)
+    gather(numbers, group, frame.rate, 9, 9, carried.rate)
+    gather(numbers, group, frame.director, 9, 9, carried.director)
+    gather(numbers, group, frame.twist, 3, 3, carried.twist)
+    return carried
+
+
+@linked(**FLAGS)
+def advance(q, tables, frame, stretch, other):
+    """`advance_frame`; of one rod eight spans at a time."""
+    lanes, numbers, points = tables.together, tables.together.numbers, 3 * tables.spans
+    long, bent = row_address(lanes.work, 40), row_address(lanes.work, 43)
+    for group in range(lanes.groups):
+        spans, own = min(LANES, lanes.size - LANES * group), gathered_rod(q, tables, frame, group)
+        advance_frame(row_address(lanes.work, 0), local_tables(tables, group), own, long, bent)
+        scatter(numbers, group, spans, long, 3, 3, 0, points, stretch)
+        scatter(numbers, group, spans, bent, 9, 9, 0, 3 * points, other)
+        scatter(numbers, group, spans, own.tangent, 9, 9, 0, 3 * points, frame.tangent)
+        scatter(numbers, group, spans, own.rate, 9, 9, 0, 3 * points, frame.rate)
+        scatter(numbers, group, spans, own.director, 9, 9, 0, 3 * points, frame.director)
+        scatter(numbers, group, spans, own.twist, 3, 3, 0, points, frame.twist)
+    if lanes.groups == 0:
+        advance_frame(q, tables, frame, stretch, other)
+
+
+@linked(**FLAGS)
 def advance_frame(q, tables, frame, stretch, other):
     """Write the strains of a configuration, and carry the reference frame to it.
 
@@ -68,11 +107,7 @@ def advance_frame(q, tables, frame, stretch, other):
         put(frame.director, 3 * e, carry(director, t0, t))
         if e % 3 == 2:
             span = e // 3
-            a, b, c = load(stretch, e - 2), load(stretch, e - 1), load(stretch, e)
-            mean, tilt = line(a, b, c, entry(tables.linear, span))
-            if not entry(tables.linear, span) > 0.0:
-                mean = b
-            put(stretch, e - 2, (mean - tilt, mean, mean + tilt))
+            span_stretch(stretch, e - 2, entry(tables.linear, span))
             at = 3 * e - 4  # twist of the span's first point
             a, b, c = load(other, at), load(other, at + 3), load(other, at + 6)
             mean, tilt = line(a, b, c, entry(tables.twist_linear, span))
