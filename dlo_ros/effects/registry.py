@@ -21,6 +21,8 @@ LOG = logging.getLogger(__name__)
 
 GROUP = "dlo_ros.effects"  # of entry points
 STD = "_std"  # behind a key: the tolerance within which it is taken to be right
+EFFECTS_KEPT = 1024
+"""Effects that are kept: those of a model's variants by some 50 parameters, several times over."""
 Values = Mapping[str, Mapping[str, "float | tuple[float, ...]"]]
 
 
@@ -162,5 +164,14 @@ def build(values: Values) -> tuple[Effect, ...]:
     what needs commanded frames comes first.
     """
     known = effects()
-    found = [known[name](**keys) for name, keys in values.items()]
+    found = [
+        _made(known[name], tuple(keys.items()))  # type: ignore[arg-type]  # classes are hashable
+        for name, keys in values.items()
+    ]
     return tuple(sorted(found, key=lambda effect: not effect.of_commanded_frames))
+
+
+@lru_cache(maxsize=EFFECTS_KEPT)
+def _made(effect: type[Effect], keys: tuple[tuple[str, float | tuple[float, ...]], ...]) -> Effect:
+    """An effect with the given values. The variants of a model share all effects but one."""
+    return effect(**dict(keys))

@@ -11,9 +11,10 @@ from rods import PAPER, SECOND, command
 from dlo_ros.command import Motion
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
-from dlo_ros.rod import integration
+from dlo_ros.rod import integration, sensitivity_parameters
 from dlo_ros.rod.batch import parameter_sets
 from dlo_ros.rod.measured_shapes import MeasurementMap
+from dlo_ros.rod.resolution import build
 from dlo_ros.rod.sensitivity_parameters import STEP, known, variation_of
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
@@ -318,3 +319,23 @@ def test_unknown_parameters_are_refused_with_those_that_there_are():
         run(settings, held(space=False), ("stiffness",))
     with pytest.raises(InputError, match=r"no sensitivity to .effects\.point_mass\.mass."):
         run(LOOSE, held(space=False), ("effects.point_mass.mass",))
+
+
+def test_only_effects_on_the_rod_itself_need_rods_of_their_own(monkeypatch):
+    effects = {
+        "clamp_offset": {"start": (0.0, 0.0)}, "camera_shift": {"x": 0.0},
+        "point_mass": {"mass": 0.01, "position": 0.2},
+    }  # fmt: skip
+    imposed = command(["start"], [0.0, 1.0], np.zeros((2, 1, 3)))
+    model, boundary = build(PAPER.with_effects(effects), imposed, 6)
+    names = ("effects.clamp_offset.start[0]", "effects.camera_shift.x", "effects.point_mass.mass")
+    built = []
+    parts = sensitivity_parameters.parts_of
+    monkeypatch.setattr(
+        sensitivity_parameters, "parts_of",
+        lambda rod, *asked, **options: built.append(rod) or parts(rod, *asked, **options),
+    )  # fmt: skip
+    found = sensitivity_parameters.compiled(model, boundary, imposed, names, flat=True)
+    assert [rod is model for rod in built] == [True, False, False]
+    assert found.moves.tolist() == [1.0, 0.0, 0.0]
+    assert [bool(rate.any()) for rate in found.rates.mass] == [False, False, True]
