@@ -35,9 +35,10 @@ to gain it tells nothing."""
 WHITE_ITERATIONS, ITERATIONS = 20, 25
 """Iterations with all that is left as white noise, and with correlated errors after that."""
 FARTHER = 1.1
-"""ERR over that at the beginning of a fit and what does not matter, above which a step is no better
+"""ERR over that at the beginning of a fit and what does not matter, beyond which no step leads
 whatever its likelihood: an error that dies out holds whole swings for little, and the fit would
-follow their rapid part alone into a wrong minimum."""
+follow their rapid part alone into a wrong minimum. A fit that only such steps improve is at its
+end."""
 STEPS = 4
 """Steps by which models come nearer to the shapes before they are compared."""
 SECANTS = 3
@@ -200,8 +201,8 @@ def _improved(
             damping *= HARDER
             continue
         ratio = _gain(at, trial, loss) / _expected(step, lhs, rhs)
-        if trial.mean_err > most:
-            ratio = 0.0
+        if ratio > 0.0 and trial.mean_err > most:
+            break
         if ratio > GOOD:
             return _Improvement(trial, _Way(EASIER * damping, LONGER * way.longest), True)
         if ratio > 0.0:

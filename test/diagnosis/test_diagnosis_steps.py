@@ -9,6 +9,8 @@ from measured import swing
 from rods import KNOWN, PAPER
 
 from dlo_ros.diagnosis.findings.joint_learning import training_set
+from dlo_ros.errors import SimulationError
+from dlo_ros.identification.offline import initial_fit
 from dlo_ros.identification.offline.initial_fit import begin, drafts, finer, fitted, whitened
 from dlo_ros.inference import joint_fit
 from dlo_ros.inference.joint import simulate
@@ -65,6 +67,46 @@ def test_a_simulation_is_refined_for_a_model_that_comes_near(beginning):
     assert all(r.tolerance < 5e-3 for r in sharper.recordings)
     assert sharper.near.model.settings == beginning.at.model.settings
     assert sharper.at.mean_err < simulate(beginning.at.model, rough, ()).mean_err
+
+
+def test_a_simulation_that_is_fine_enough_is_simulated_once_more(beginning, monkeypatch):
+    """How fine it should be is looked for where the next finer one tells another thing alone."""
+
+    def looked_for(*_):
+        raise AssertionError("a resolution was looked for")
+
+    monkeypatch.setattr(initial_fit, "_finer", looked_for)
+    assert finer(beginning, beginning.at.model, {}) is None
+    rough = tuple(replace(r, spans=7, tolerance=5e-3) for r in beginning.recordings)
+    with pytest.raises(AssertionError, match="looked for"):
+        finer(replace(beginning, recordings=rough), beginning.at.model, {})
+
+
+@pytest.mark.parametrize(
+    ("errors", "begun"),
+    [
+        ((9, 8, 7, 6, 5, 4, 3, 2, 1), [1]),
+        ((9, 8, 2, 6, 5, 3, 1, 7, 8), [1, 2]),
+        ((2, 8, None, 3, None, 8, 1, 7, 5), [1, 2]),
+    ],
+)
+def test_one_fit_begins_in_each_minimum_that_starts_show(beginning, monkeypatch, errors, begun):
+    """Not where twice as much is left as from the best one, nor where nothing can be simulated."""
+    at, tried = beginning.at, []
+    left = iter(errors)
+
+    def simulated(model, *_):
+        err = next(left)
+        if err is None:
+            raise SimulationError("diverges")
+        return replace(at, model=model, err=(np.full(3, float(err)),))
+
+    monkeypatch.setattr(initial_fit, "simulate", simulated)
+    monkeypatch.setattr(initial_fit, "_with_noise", lambda recordings, _: recordings)
+    monkeypatch.setattr(initial_fit, "_fitted_to_most", lambda at, _: tried.append(at.mean_err))
+    found = initial_fit._best_start(beginning.recordings, at.model)
+    assert tried == begun
+    assert found.mean_err == 1.0
 
 
 def test_drafts_are_made_for_the_model_that_comes_near(beginning):

@@ -126,3 +126,19 @@ def test_a_small_gain_of_a_damped_step_ends_no_fit(fitted, monkeypatch, loss):
     monkeypatch.setattr(joint_fit, "MARQUARDT_DAMPING", 1e3)
     found = joint_fit.fit(far, recordings, 12, loss=loss)
     assert found.mean_err < at.mean_err + 0.1 * far.mean_err
+
+
+def test_a_fit_that_only_steps_away_from_the_shapes_improve_is_at_its_end(fitted, monkeypatch):
+    at, recordings = fitted
+    far = borrowed(at, moved_by(at, ANGLE, 0.1), recordings)
+    begun = joint.evaluate(far.model, recordings, far.variances)
+    steps = []
+
+    def counted(*words):
+        steps.append(words)
+        return borrowed(*words)
+
+    monkeypatch.setattr(joint_fit, "borrowed", counted)
+    monkeypatch.setattr(joint_fit, "FARTHER", 0.0)
+    assert joint_fit.fit(begun, recordings, 12) is begun
+    assert len(steps) == 1

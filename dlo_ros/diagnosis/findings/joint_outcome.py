@@ -23,7 +23,13 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     Trial,
     Verdict,
 )
-from dlo_ros.diagnosis.findings.joint_learning import Errors, Learned, errors_of, refitted
+from dlo_ros.diagnosis.findings.joint_learning import (
+    FINAL_ITERATIONS,
+    Errors,
+    Learned,
+    errors_of,
+    refitted,
+)
 from dlo_ros.diagnosis.findings.joint_numbers import (
     damping_as_effects,
     effect_numbers,
@@ -41,7 +47,8 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.offline.initial_fit import Beginning, whitened
 from dlo_ros.identification.offline.without_own_error import without_own_error
 from dlo_ros.inference.joint import Evaluation, Simulated, simulate
-from dlo_ros.inference.joint_fit import approached
+from dlo_ros.inference.joint_fit import approached, fit
+from dlo_ros.inference.losses import TO_REPORT
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import OWN
@@ -199,6 +206,7 @@ def _final(
     at, compared = _completed(found.at, recordings, known), recordings
     if len(at.err) == len(recordings):
         at, compared = without_own_error(at, recordings)
+        at = fit(at, compared, FINAL_ITERATIONS, loss=TO_REPORT)
     wider = confirmed(at, compared, [name for c in found.causes for name in c.names])
     found = still_certain(found, at, reported_covariance(at, wider.parameters))
     try:

@@ -13,6 +13,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
 from dlo_ros.identification.material_model import material_model
 from dlo_ros.identification.offline.recording_noise import with_bias, with_noise
+from dlo_ros.identification.offline.without_own_error import refined
 from dlo_ros.inference.forecast import Manipulation, as_started, forecast
 from dlo_ros.inference.joint import Evaluation, Simulated, evaluate, simulate
 from dlo_ros.inference.joint_fit import fit
@@ -26,15 +27,15 @@ from dlo_ros.spline import DEGREE, FloatArray
 
 LOG = logging.getLogger(__name__)
 
-FACTORS = (1.0, 0.3, 3.0, 0.1, 10.0, 0.03, 30.0, 0.01, 100.0)
+FACTORS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 """Multiples of E from which the fit may start: far away a shape may lie on another branch."""
 VALLEYS = 3
 VALLEY_ITERATIONS = 6
 """Largest number of these starts that are fitted, until a residual is not much larger than the
 noise; their iterations."""
-ITERATIONS, TO_THE_END = 10, 1e-4
+ITERATIONS, TO_THE_END = 10, 1e-3
 """Iterations at the end, and the gain over the misfit at which they end: what the plain model
-misses is told to a few digits."""
+misses is told to three digits."""
 FINENESS = 0.1
 """Largest error of the simulation itself, over the noise of one frame."""
 OWN_SHARE = 0.0015
@@ -43,6 +44,8 @@ noise allows: nothing finer is judged."""
 IN_TIME = 0.3
 """Share of that error that time steps may have: they damp, in all pictures alike."""
 SPACE_ROUNDS = 5
+ALIKE = 0.75
+"""Difference from a simulation of twice the resolution over the error: it falls to a quarter."""
 FALLS = 0.7
 """Error over that with fewer knot spans, below which more of them are worth their time."""
 DRAFT_SPANS = 2
@@ -90,28 +93,19 @@ def begin(
         SimulationError: no starting value can be simulated.
     """
     recordings = tuple(measured(m, settings) for m in manipulations)
+    coarse = _coarse(recordings, settings)
     if near is None:
-        at = _best_start(recordings, material_model(settings, settings))
+        at = _best_start(coarse, material_model(settings, settings))
     else:
-        at = simulate(near, recordings, ())
+        at = simulate(near, coarse, ())
     usable = tuple(
         without_gross(r, r.observed[-len(p) :] - p[..., :3])
         for r, p in zip(recordings, at.predicted, strict=True)
     )
     left_out = tuple(len(r.times) - len(u.times) for r, u in zip(recordings, usable, strict=True))
-    if any(left_out):
-        recordings = usable
-        at = _near(at.model, recordings)
-    first = _with_noise_and_resolution(recordings, at, left_out)
     # A better fit tells the noise better.
-    return _with_noise_and_resolution(first.recordings, first.at, left_out)
-
-
-def _with_noise_and_resolution(
-    recordings: tuple[Recording, ...], at: Simulated, left_out: tuple[int, ...]
-) -> Beginning:
-    """The plain model fitted with the noise and the resolution that a model's residual asks for."""
-    biased = with_bias(recordings, at.predicted, at.model.settings)
+    at = _near(at.model, _coarse(usable, settings))
+    biased = with_bias(usable, at.predicted, at.model.settings)
     fine, error = _finer(_with_noise(biased, at), at)
     return Beginning(fine, fitted(at.model, fine), error, left_out)
 
@@ -144,25 +138,33 @@ def finer(
         None where the simulation's own error, and that of the drafts, is small beside what that
         model leaves over.
     """
-    here = simulate(near, beginning.recordings, ())
+    settings, recordings = near.settings, beginning.recordings
+    here = simulate(near, recordings, ())
+    left = whitened(here, recordings)
+    most = IMMATERIAL * _rms(left)
     try:
-        recordings, error = _finer(beginning.recordings, here)
-        fine = simulate(near, recordings, ())
+        next_ = [refined(r, settings) for r in recordings]
+        if _apart(here, simulate(near, next_, ()), recordings) >= ALIKE * most:
+            recordings, error = _finer(recordings, here)
+            fine = simulate(near, recordings, ())
+            most = IMMATERIAL * _rms(whitened(fine, recordings))
+            if _apart(here, fine, recordings) >= most:
+                at = fitted(beginning.at.model, recordings)
+                return Beginning(recordings, at, error, beginning.left_out, fine)
     except SimulationError as err:  # drafts may be too coarse all the same
         LOG.info("no finer simulation: %s", err)
-        recordings, error, fine = beginning.recordings, beginning.error, here
-    left = whitened(here, recordings)
-    sharp = whitened(fine, recordings)
-    most = IMMATERIAL * _rms(sharp)
-    if _rms([a - b for a, b in zip(left, sharp, strict=True)]) >= most:
-        at = fitted(beginning.at.model, recordings)
-        return Beginning(recordings, at, error, beginning.left_out, fine)
     if not rough:
         return None
     drafts_of = list(rough.values())
     drafted = whitened(simulate(near, drafts_of, ()), drafts_of)
     own = [a - left[k][: len(a)] for k, a in zip(rough, drafted, strict=True)]
     return None if _rms(own) < most else replace(beginning, near=here)
+
+
+def _apart(at: Simulated, other: Simulated, recordings: Sequence[Recording]) -> float:
+    """Root mean square difference of two simulations in units of the noise."""
+    pairs = zip(whitened(at, recordings), whitened(other, recordings), strict=True)
+    return _rms([a - b for a, b in pairs])
 
 
 def whitened(at: Simulated, recordings: Sequence[Recording]) -> list[FloatArray]:
@@ -174,10 +176,13 @@ def _rms(residuals: Sequence[FloatArray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate([r.ravel() for r in residuals]) ** 2)))
 
 
-def _best_start(recordings: tuple[Recording, ...], model: ParametricModel) -> Simulated:
-    """The best of some fits of the plain model: a motion may have several local minima of E."""
-    coarse = _coarse(recordings)
-    begun: list[Simulated] = []
+def _best_start(coarse: tuple[Recording, ...], model: ParametricModel) -> Simulated:
+    """The best of some fits of the plain model: a motion may have several local minima of E.
+
+    A fit begins from each factor of E whose neighbours are farther from the shapes: from those it
+    would lead into the same minimum. None begins where far more is left than from the best.
+    """
+    begun: list[Simulated | None] = []
     failure: SimulationError | None = None
     theta = model.theta()
     for factor in FACTORS:
@@ -187,11 +192,17 @@ def _best_start(recordings: tuple[Recording, ...], model: ParametricModel) -> Si
             begun.append(simulate(model.at(shifted), coarse, ()))
         except SimulationError as err:
             failure = err
-    if not begun:
+            begun.append(None)
+    errs = np.array([np.inf, *(np.inf if at is None else at.mean_err for at in begun), np.inf])
+    least = (errs[1:-1] <= errs[:-2]) & (errs[1:-1] <= errs[2:])
+    valleys = [at for at, is_least in zip(begun, least, strict=True) if is_least and at is not None]
+    if not valleys:
         raise failure or SimulationError("no starting value can be simulated")
-    begun.sort(key=lambda at: at.mean_err)
-    best = begun[0]
-    for at in begun[:VALLEYS]:
+    valleys.sort(key=lambda at: at.mean_err)
+    best = valleys[0]
+    for at in valleys[:VALLEYS]:
+        if at.mean_err > MUCH_LARGER * valleys[0].mean_err:
+            break
         known = _with_noise(coarse, at)
         found = _fitted_to_most(at, known)
         if found is None:
@@ -209,9 +220,13 @@ def _with_noise(recordings: Sequence[Recording], at: Simulated) -> tuple[Recordi
     return tuple(with_noise(r, p, settings) for r, p in zip(recordings, at.predicted, strict=True))
 
 
-def _coarse(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-    """The recordings with simulations of few knot spans."""
-    return tuple(replace(r, spans=2 * (r.observed.shape[1] - DEGREE)) for r in recordings)
+def _coarse(recordings: Sequence[Recording], settings: Settings) -> tuple[Recording, ...]:
+    """The recordings with simulations of few knot spans and long time steps."""
+    tolerance = max(DRAFT_TOLERANCE, settings.simulation.tolerance)
+    return tuple(
+        replace(r, spans=DRAFT_SPANS * (r.observed.shape[1] - DEGREE), tolerance=tolerance)
+        for r in recordings
+    )
 
 
 def _fitted_to_most(at: Simulated, recordings: Sequence[Recording]) -> Simulated | None:
@@ -228,9 +243,8 @@ def _fitted_to_most(at: Simulated, recordings: Sequence[Recording]) -> Simulated
         return None
 
 
-def _near(model: ParametricModel, recordings: Sequence[Recording]) -> Simulated:
-    """A fit that begins with a model which was fitted to a little more data."""
-    coarse = _coarse(recordings)
+def _near(model: ParametricModel, coarse: Sequence[Recording]) -> Simulated:
+    """A fit that begins with a model which comes near, by its noise."""
     here = simulate(model, coarse, ())
     found = _fitted_to_most(here, _with_noise(coarse, here))
     return here if found is None or found.mean_err > here.mean_err else found

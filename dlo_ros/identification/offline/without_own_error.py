@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""A fit without the error of its own simulation.
+"""A fit's recordings without the error of its own simulation.
 
 While causes are looked for, time steps and knot spans need only be fine enough for what a model
 leaves over. What they do wrong is the same in all pictures, and many pictures determine numbers to
@@ -16,8 +16,6 @@ import numpy as np
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, compared, field, simulate
-from dlo_ros.inference.joint_fit import fit
-from dlo_ros.inference.losses import TO_REPORT
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.thresholds import IMMATERIAL
 from dlo_ros.parameters import Settings
@@ -27,13 +25,12 @@ STEP_SHORTER = 2.0
 """Ratio of the time steps of two simulations that are compared."""
 ROUNDS = 3
 """Simulations at most, each with shorter time steps and twice the knot spans."""
-ITERATIONS = 8
 
 
 def without_own_error(
     at: Evaluation, recordings: Sequence[Recording]
 ) -> tuple[Evaluation, Sequence[Recording]]:
-    """The fit without its simulation's error, and the recordings with what is compared then.
+    """The fit held against recordings without its simulation's error, and these recordings.
 
     What is left is immaterial in standard deviations of the combination of numbers that it moves
     most: E/mu is known far better than E.
@@ -42,8 +39,8 @@ def without_own_error(
         at: fit to all of the recordings.
 
     Returns:
-        The same fit and recordings where the error is immaterial, or nothing finer can be
-        simulated.
+        An evaluation from which a fit goes on, and the recordings; the same as before where the
+        error is immaterial, or nothing finer can be simulated.
     """
     information = np.asarray(np.linalg.inv(at.posterior.covariance))
 
@@ -52,7 +49,7 @@ def without_own_error(
 
     best, adjusted, finer, last = at, recordings, recordings, np.inf
     for _ in range(ROUNDS):
-        finer = [_finer(r, at.model.settings) for r in finer]
+        finer = [refined(r, at.model.settings) for r in finer]
         try:
             exact = simulate(at.model, finer, ()).predicted
             here, there = _compared_with(at, recordings, exact)
@@ -67,10 +64,10 @@ def without_own_error(
             break
     if stds(best.posterior.step - at.posterior.step) < IMMATERIAL:
         return at, recordings
-    return fit(best, adjusted, ITERATIONS, loss=TO_REPORT), adjusted
+    return best, adjusted
 
 
-def _finer(recording: Recording, settings: Settings) -> Recording:
+def refined(recording: Recording, settings: Settings) -> Recording:
     """The recording simulated with shorter time steps, and twice the knot spans."""
     tolerance = recording.tolerance or settings.simulation.tolerance
     spans = recording.spans and 2 * recording.spans
