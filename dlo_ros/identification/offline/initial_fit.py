@@ -13,7 +13,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
 from dlo_ros.identification.material_model import material_model
 from dlo_ros.identification.offline.recording_noise import with_bias, with_noise
-from dlo_ros.identification.offline.without_own_error import refined
+from dlo_ros.identification.offline.without_own_error import STEP_SHORTER, refined
 from dlo_ros.inference.forecast import Manipulation, as_started, forecast
 from dlo_ros.inference.joint import Evaluation, Simulated, evaluate, simulate
 from dlo_ros.inference.joint_fit import fit
@@ -44,8 +44,6 @@ noise allows: nothing finer is judged."""
 IN_TIME = 0.3
 """Share of that error that time steps may have: they damp, in all pictures alike."""
 SPACE_ROUNDS = 5
-ALIKE = 0.75
-"""Difference from a simulation of twice the resolution over the error: it falls to a quarter."""
 FALLS = 0.7
 """Error over that with fewer knot spans, below which more of them are worth their time."""
 DRAFT_SPANS = 2
@@ -144,7 +142,9 @@ def finer(
     most = IMMATERIAL * _rms(left)
     try:
         next_ = [refined(r, settings) for r in recordings]
-        if _apart(here, simulate(near, next_, ()), recordings) >= ALIKE * most:
+        change = _apart(here, simulate(near, next_, ()), recordings)
+        own = change / (1.0 - STEP_SHORTER**-2)  # it falls with the square of the step
+        if own >= most:
             recordings, error = _finer(recordings, here)
             fine = simulate(near, recordings, ())
             most = IMMATERIAL * _rms(whitened(fine, recordings))
