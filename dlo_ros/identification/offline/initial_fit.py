@@ -143,8 +143,8 @@ def finer(
     try:
         next_ = [refined(r, settings) for r in recordings]
         change = _apart(here, simulate(near, next_, ()), recordings)
-        own = change / (1.0 - STEP_SHORTER**-2)  # it falls with the square of the step
-        if own >= most:
+        missed = change / (1.0 - STEP_SHORTER**-2)  # it falls with the square of the step
+        if missed >= most:
             recordings, error = _finer(recordings, here)
             fine = simulate(near, recordings, ())
             most = IMMATERIAL * _rms(whitened(fine, recordings))
