@@ -58,6 +58,7 @@ def test_an_opened_set_up_has_its_tolerances_again(turned):
     assert again.posterior.covariance == pytest.approx(at.posterior.covariance, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_what_is_alone_off_is_named_although_it_is_within_its_tolerance(turned):
     """A set-up within tolerance explains it as well, by many numbers."""
     found = explain(*turned)

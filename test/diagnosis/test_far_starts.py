@@ -5,7 +5,6 @@ import copy
 
 import numpy as np
 import pytest
-from ordinary import some_of
 
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis.explain.far_starts import best_far_start
@@ -74,7 +73,8 @@ def crooked(tmp_path_factory):
     return prepared(tmp_path_factory.mktemp("crooked"), clamp_angle={"start": 0.06})
 
 
-@pytest.mark.parametrize("cable", some_of(["turning", "crooked"], ["turning"]))
+@pytest.mark.slow
+@pytest.mark.parametrize("cable", ["turning", "crooked"])
 def test_a_heavy_weight_is_found_with_the_stiffness_that_goes_with_it(cable, request):
     turning = request.getfixturevalue(cable)
     alone = turning.setup

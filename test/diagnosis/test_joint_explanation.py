@@ -93,6 +93,7 @@ def test_clamps_camera_and_time_have_no_law_that_could_be_another():
     assert held > 2.0 * err
 
 
+@pytest.mark.slow
 def test_a_fit_that_has_left_the_shapes_is_taken_where_it_comes_near_them(monkeypatch):
     """Errors that stay are cheap, where a motion tells more; what they may not explain is left."""
     fitted, recordings = fitted_set_up()

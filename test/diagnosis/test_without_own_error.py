@@ -63,6 +63,7 @@ def test_a_fit_of_a_fine_simulation_stays_as_it_is(fits):
     assert without_own_error(fine, recordings) == (fine, recordings)
 
 
+@pytest.mark.slow
 def test_where_nothing_finer_can_be_simulated_the_fit_stays(fits, monkeypatch):
     def refused(*_):
         raise SimulationError("diverges")

@@ -19,6 +19,7 @@ def test_a_rope_that_crosses_itself_is_found():
     assert [outcome(seed, "loop", 1) for seed in range(101, 109)].count("right") >= 6
 
 
+@pytest.mark.slow
 def test_a_rope_with_another_one_of_its_look_behind_it_is_found():
     # Its course goes on where both cross, though it may end there for all its length says.
     assert [outcome(seed, "second", 1) for seed in (600002, 600004, 600006)] == ["right"] * 3
