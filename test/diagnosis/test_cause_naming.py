@@ -221,6 +221,7 @@ def test_in_a_wrong_model_only_what_brings_it_nearer_is_kept(monkeypatch, near, 
     assert all(label in kept for label in bares)
 
 
+@pytest.mark.slow
 def test_a_damping_that_is_left_out_has_its_guess_and_keeps_it():
     at, recordings = fitted_set_up()
     (damping,) = [g for g in freed(at.model) if g.effect == "internal_damping"]

@@ -59,6 +59,7 @@ def test_what_is_known_well_may_be_a_cause_less_than_twice_its_tolerance_off(tur
     assert "clamp_angle" in named(turned)
 
 
+@pytest.mark.slow
 def test_within_its_tolerance_it_is_none():
     at = fitted(0.7 * TOLERANCE, 22).setup
     assert 0.5 < off(at, "clamp_angle") < 1.0

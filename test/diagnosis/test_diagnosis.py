@@ -81,6 +81,7 @@ def test_every_effect_is_looked_for():
     assert {s.effect for s in guessed} == names - clamps - {"air_drag", "internal_damping"}
 
 
+@pytest.mark.slow
 def test_a_plain_swing_is_adequate():
     found = diagnose([swing(PAPER, seconds=1.0), swing(PAPER, seconds=1.0, seed=1)], KNOWN)
     assert found.verdict == "adequate"

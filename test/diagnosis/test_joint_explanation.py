@@ -82,6 +82,7 @@ def test_an_effect_must_do_more_than_mend_the_law_of_another(
     assert joint_explanation._nameable_err(found, setup, prepared, 0.0) == pytest.approx(least)
 
 
+@pytest.mark.slow
 def test_clamps_camera_and_time_have_no_law_that_could_be_another():
     """A clamp that is turned, of a rod that is as it should be, leaves the noise alone."""
     at, recordings = fitted_set_up()

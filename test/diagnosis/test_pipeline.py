@@ -14,6 +14,7 @@ from dlo_ros.identification.offline.initial_fit import begin, fitted
 from dlo_ros.inference.joint import evaluate, simulate
 
 
+@pytest.mark.slow
 def test_the_plain_model_has_not_seen_what_is_held_out():
     recording, given = moving("simple", {}, 41)
     other, _ = moving("simple", {"gravity_tilt": {"angle": 0.3}}, 42)
@@ -55,6 +56,7 @@ def test_nothing_is_fitted_to_the_simulation_s_own_error():
     assert pipeline._sharper(fine.at, learned(fine.at, rough), rough) is None
 
 
+@pytest.mark.slow
 def test_a_plain_model_in_a_wrong_minimum_begins_anew():
     recording, given = moving("simple", {}, 44)
     right = begin([recording], given)
