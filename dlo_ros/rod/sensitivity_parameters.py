@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.command import Command
-from dlo_ros.effects import Effect, effects, quantities
+from dlo_ros.effects import effects, quantities
+from dlo_ros.effects.base import ROD
 from dlo_ros.effects.measurement.length_error import LengthError
 from dlo_ros.effects.physics.clamp_angle import ClampAngle
 from dlo_ros.effects.physics.clamp_offset import ClampOffset
@@ -217,7 +218,7 @@ def _compiled(
         for other, asked in both_sides(model, command, chosen):
             there = true_command(other, asked)
             # An effect on the command or on the measurement alone leaves the rod as it is.
-            rod = other if _shapes_rod(name) else model
+            rod = other if _acts_on_rod(name) else model
             systems.append(systems[0] if rod is model else parts_of(rod, boundary, flat=flat))
             unmoved = rod is model and there is true
             commands.append(commands[0] if unmoved else imposed_of(rod, boundary, there))
@@ -231,11 +232,9 @@ def _compiled(
     )  # fmt: skip
 
 
-def _shapes_rod(name: str) -> bool:
+def _acts_on_rod(name: str) -> bool:
     """Whether a parameter may change the rod itself."""
-    if not name.startswith(EFFECTS_PREFIX):
-        return True
-    return effects()[parsed(name)[0]].shape_body is not Effect.shape_body
+    return not name.startswith(EFFECTS_PREFIX) or ROD in effects()[parsed(name)[0]].acts_on
 
 
 def _kind(model: RodModel) -> float:

@@ -200,13 +200,15 @@ def _concluded(
 ) -> Explanation:  # fmt: skip
     """What a search has found, without what is not needed, and with the names of its causes."""
     recordings, begun = prepared.recordings, starts(prepared.scene)
-    complete = _is_complete(_near_shapes(found.at, recordings, given), recordings, given)
+    judged, near = found.at, _near_shapes(found.at, recordings, given)
+    complete = _is_complete(near, recordings, given)
     found, bares, pruned = without_needless(found, recordings, begun, complete=complete)
     found, setup = _one_minimum(found, setup)
     if not complete and not found.causes:  # it may be another minimum, with dampings far off
         found, bares, more = without_needless(found, recordings, begun, complete=False)
         setup, pruned = found.at, pruned | more
-    near = _near_shapes(found.at, recordings, given)
+    if found.at is not judged:
+        near = _near_shapes(found.at, recordings, given)
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(near, recordings)
     material = material_err(own, given)
@@ -216,7 +218,7 @@ def _concluded(
         causes = tuple(_beside(c, contact) for c in causes)
     if near.mean_err >= material:
         causes = _no_stand_ins(causes, replace(found, at=near), prepared)
-    # What is the set-up alone stays so.
+    # A result that is the set-up alone stays the set-up.
     setup = near if setup is found.at else setup
     return Explanation(
         setup, near, causes, own, material, least, found.causes, found.trace,

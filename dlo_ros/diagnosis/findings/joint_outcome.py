@@ -206,7 +206,8 @@ def _final(
     at, compared = _completed(found.at, recordings, known), recordings
     if len(at.err) == len(recordings):
         at, compared = without_own_error(at, recordings)
-        at = fit(at, compared, FINAL_ITERATIONS, loss=TO_REPORT)
+        if compared is not recordings:  # otherwise that fit is at its end, or was refused
+            at = fit(at, compared, FINAL_ITERATIONS, loss=TO_REPORT)
     wider = confirmed(at, compared, [name for c in found.causes for name in c.names])
     found = still_certain(found, at, reported_covariance(at, wider.parameters))
     try:

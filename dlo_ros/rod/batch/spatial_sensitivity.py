@@ -37,8 +37,9 @@ from dlo_ros.rod.simd.vector_algebra import (
 
 # Numbers of a point: tangent; derivatives of kappa_1, kappa_2 and twist by p and s.
 TANGENT, KAPPA1_P, KAPPA1_S, KAPPA2_P, KAPPA2_S, TWIST_P, TWIST_S = 0, 3, 6, 9, 12, 15, 18
-# What the frame before the step does where its tangent, the rate of that (ends in T, R) or its
-# director (D) change and the shape is held: it turns by an angle and twists; forces on p and s.
+# Derivatives by the tangent of the frame before the step, by the rate of that tangent (the names
+# end in T, R) and by its director (D), the shape held: of the angle by which the frame turns, of
+# its twist, and of the forces on p and s.
 ANGLE_D, ANGLE_T, TWIST_T, TWIST_R, SLOW_T, SLOW_R, FAST_T = 21, 24, 27, 30, 33, 42, 51
 # s, derivative of the tangent by u, director and second director; kappa_1, kappa_2; derivatives of
 # the three moments by that angle, or by the frame's twist; 1 / |p|, t . s.
