@@ -164,7 +164,7 @@ test: $(COMPILED)
 	{ $(LINT); } > build/lint.log 2>&1 & lint=$$!; \
 	$(PYTEST_PARALLEL) -m "not slow and not browser and not live" || status=1; \
 	wait $$lint || status=1; cat build/lint.log; \
-	$(BIN)/python -m pytest -m "live and not slow and not browser" || status=1; \
+	$(BIN)/python -m pytest -m "live and not slow and not browser" test/nodes || status=1; \
 	exit $$status
 
 # Every part of the package, without live nodes and long searches.
