@@ -51,9 +51,11 @@ def consensus_fit(drafts: Sequence[Recording], at: Evaluation) -> tuple[Evaluati
     Returns:
         The fit to the drafts, and `scale` as in `robust_loss`; None where none can be simulated.
     """
+    begun = Threads().map(partial(_begun, at, drafts), FIRST_PARTS)
+    starts = [(s, b) for s, b in zip(FIRST_PARTS, begun, strict=True) if b is not None]
     scale, best = CERTAIN, at
     for _ in range(2):
-        fits = Threads().map(partial(_robust_from, at, drafts, scale), FIRST_PARTS)
+        fits = Threads().map(partial(_robust, drafts, scale), starts)
         found = [f for f in fits if f is not None]
         if not found:
             return None
@@ -66,20 +68,28 @@ def consensus_fit(drafts: Sequence[Recording], at: Evaluation) -> tuple[Evaluati
     return best, scale
 
 
-def _robust_from(
-    at: Evaluation, drafts: Sequence[Recording], scale: float, share: float
-) -> Evaluation | None:
-    """A robust fit that begins with the fit to the first part of each recording."""
+def _begun(at: Evaluation, drafts: Sequence[Recording], share: float) -> Evaluation | None:
+    """The fit to the first part of each recording, on the whole of them."""
     model = at.model
     try:
         if share < 1.0:
             part = [d.until(max(LEAST_FRAMES, int(share * len(d.times)))) for d in drafts]
             model = fit(evaluate(model, part), part, PART_ITERATIONS, loss=WHITE, draft=True).model
-        here = evaluate(model, drafts)
+        return evaluate(model, drafts)
+    except SimulationError:
+        return None
+
+
+def _robust(
+    drafts: Sequence[Recording], scale: float, start: tuple[float, Evaluation]
+) -> Evaluation | None:
+    """A robust fit that begins with the fit to a share of each recording."""
+    share, begun = start
+    try:
         if share == 1.0:
-            here = fit(here, drafts, ITERATIONS, loss=robust_loss(drafts, scale))
+            begun = fit(begun, drafts, ITERATIONS, loss=robust_loss(drafts, scale))
         strict = robust_loss(drafts, scale, redescending=True)
-        return fit(here, drafts, ITERATIONS, loss=strict)
+        return fit(begun, drafts, ITERATIONS, loss=strict, draft=True)
     except SimulationError:
         return None
 
