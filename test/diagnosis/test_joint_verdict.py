@@ -324,7 +324,7 @@ def test_the_plain_model_has_not_seen_what_is_held_out():
         return np.log(settings.rod.specific_modulus / alone.at.model.settings.rod.specific_modulus)
 
     assert abs(stiffness(both.at.model.settings)) > 0.03
-    assert abs(stiffness(_unseeing(both.at.model, both.recordings, masks).settings)) < 0.02
+    assert abs(stiffness(_unseeing(both.at.model, both.recordings, masks, 0.0).settings)) < 0.02
 
 
 @pytest.mark.slow

@@ -8,10 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Gain
+from dlo_ros.effects import damping_effect
+from dlo_ros.errors import SimulationError
 from dlo_ros.identification.offline.initial_fit import fitted
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.thresholds import APART
+from dlo_ros.inference.thresholds import APART, LOWERS
 from dlo_ros.spline import FloatArray
 
 TRAINED = 0.6
@@ -23,12 +25,35 @@ SPARE = 3
 
 
 def refitted(
-    model: ParametricModel, recordings: Sequence[Recording], masks: Sequence[np.ndarray]
-) -> ParametricModel:
-    """The plain model fitted to the masked frames alone."""
+    model: ParametricModel, recordings: Sequence[Recording], masks: Sequence[np.ndarray],
+    material_err: float,
+) -> ParametricModel:  # fmt: skip
+    """The plain model fitted to the masked frames alone.
+
+    Where it leaves something that matters, a damping that the parameter file only guesses may do
+    the work of laws that the model lacks: of poses at rest, one of seconds that of a creep. As in
+    the full model, it keeps its guess unless it brings the model as much nearer as a cause must.
+
+    Args:
+        masks: frames of each recording that are seen, shape (F,).
+        material_err: ERR [m] from which it matters.
+    """
     used = [k for k, mask in enumerate(masks) if mask.any()]
     chosen = [recordings[k].until(int(np.flatnonzero(masks[k])[-1]) + 1) for k in used]
-    return fitted(model, chosen).model
+    found = fitted(model, chosen)
+    dampings = [p for p in model.parameters if p.guessed and damping_effect(p.name)]
+    if found.mean_err < material_err or not dampings:
+        return found.model
+    held = found.model.with_prior([p.held() for p in dampings])
+    theta = held.theta()
+    for p in dampings:
+        theta[held.index(p.name)] = p.centre
+    try:
+        guessed = fitted(held.at(theta), chosen)
+    except SimulationError:
+        return found.model
+    needed = found.mean_err <= (1.0 - LOWERS) * guessed.mean_err
+    return found.model if needed else guessed.model
 
 
 def mean(err: Sequence[FloatArray] | None) -> float | None:
