@@ -21,7 +21,6 @@ from bench.contender import Choice, Contender, cpu_time, search
 from bench.mujoco_chain import MujocoChain
 from bench.mujoco_flex import MujocoFlex
 from bench.ours import Ours
-from bench.pyelastica import PyElastica
 from bench.report import Row, number, show, write
 from bench.sets import SETS, ForSets, OursForSets
 from bench.single import SIZES, Statics, cost_of_parameters, cost_of_sizes
@@ -40,7 +39,7 @@ GOALS = {
 }  # fmt: skip
 
 OURS, SPACE = Ours(spatial=False), Ours(spatial=True)
-CHAIN, FLEX, ELASTICA = MujocoChain(), MujocoFlex(), PyElastica()
+CHAIN, FLEX, ELASTICA = MujocoChain(), MujocoFlex(), "PyElastica"
 # Not held against a goal, only shown: joints that know no third dimension, steps beyond 40 ms.
 SHOWN = (MujocoChain("hinge"), MujocoChain(long_steps=True))
 FORMS = ((OURS, ""), (SPACE, ", with twist"))
@@ -62,8 +61,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         console.width = 150
     tasks = [t for t in TASKS if options.tasks is None or t.name in options.tasks]
     contenders: list[Contender] = [OURS, SPACE, CHAIN, FLEX, *SHOWN]
+    packages = ["mujoco", "numba", "numpy"]
     if not options.without_pyelastica:
-        contenders.append(ELASTICA)
+        from bench.pyelastica import PyElastica  # which need not be installed otherwise
+
+        contenders.append(PyElastica())
+        packages.append("pyelastica")
 
     choices: dict[Key, Choice] = {}
     for task in tasks:
@@ -116,7 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     rows += vision_rows(options.rounds)
     details = {
         "machine": platform.machine(), "python": platform.python_version(),
-        "versions": {p: version(p) for p in ("mujoco", "pyelastica", "numba", "numpy")},
+        "versions": {p: version(p) for p in packages},
         "load": os.getloadavg(), "rounds": options.rounds,
         "choices": [
             {"contender": n, "task": t, "level": level, "error": c.error,
@@ -153,7 +156,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def timing(choice: Choice) -> Callable[[], float]:
     """Measures a chosen setting once: ms of CPU per simulated second."""
     run = choice.contender.prepare(choice.task, choice.setting).run
-    if not isinstance(choice.contender, PyElastica):
+    if choice.contender.name != ELASTICA:
         run()
     duration = choice.task.duration
     return lambda: 1e3 * cpu_time(run, BLOCK) / duration
@@ -178,10 +181,10 @@ def task_rows(tasks: Sequence[Task], value: dict[Any, float]) -> list[Row]:
     for against_mujoco in (True, False):
         for task in tasks:
             for level in task.levels:
-                peers = (CHAIN, FLEX) if against_mujoco else (ELASTICA,)
-                costs = {p.name: value[p.name, task.name, level] for p in peers
-                         if (p.name, task.name, level) in value}  # fmt: skip
-                peer = min(costs, key=costs.__getitem__) if costs else peers[0].name
+                peers = (CHAIN.name, FLEX.name) if against_mujoco else (ELASTICA,)
+                costs = {p: value[p, task.name, level] for p in peers
+                         if (p, task.name, level) in value}  # fmt: skip
+                peer = min(costs, key=costs.__getitem__) if costs else peers[0]
                 goal = GOALS[task.name, level] if against_mujoco else ELASTICA_GOAL
                 rows += [
                     Row(

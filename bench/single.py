@@ -16,10 +16,9 @@ from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.rod import dynamics, statics
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import moving_of, nothing_varies
+from dlo_ros.rod.packing import nothing_varies, rest_state_of, unchanged
 from dlo_ros.rod.sensitivity import sensitive_equilibrium
 from dlo_ros.rod.sensitivity_parameters import MATERIAL, compiled
-from dlo_ros.rod.solve.integrator_state import commit
 from dlo_ros.rod.state import State
 
 PARAMETERS = MATERIAL
@@ -93,25 +92,20 @@ class Statics:
 
     def compiled(self) -> Callable[[], Any]:
         """A function that settles by compiled code alone, everything around it prepared."""
-        flat = not self.spatial
-        parts = []
-        for k in (0, 1):
-            model, start = self.models[k], self.states[1 - k]
+        flat, count = not self.spatial, len(PARAMETERS)
+        calls = []
+        for model, start in zip(self.models, reversed(self.states), strict=True):
             rod = compiled(model, self.boundary, self.imposed, PARAMETERS, flat=flat)
-            before, rest = (moving_of(start, self.imposed, flat=flat) for _ in range(2))
-            varying = rod.mark(nothing_varies(start, len(PARAMETERS), flat=flat))
-            parts.append((model, rod, before, rest, varying))
+            time = (self.stamp - self.imposed.stamp) / NANOSECONDS
+            calls.append((start, rod.prepared, flat, time, model.rate2, statics.TOLERANCE, False))
         at = [0]
 
         def run() -> Any:
             at[0] = 1 - at[0]
-            model, rod, before, rest, varying = parts[at[0]]
-            commit(before, rest)
-            sensitive_equilibrium.settle(
-                rod.system, rod.imposed, before, before.clock[0], model.rate2, statics.TOLERANCE,
-                False, rest, varying,
-            )  # fmt: skip
-            return varying
+            start, *others = calls[at[0]]
+            change = unchanged(start, count)
+            sensitive_equilibrium.settle(*others, rest_state_of(start), change)
+            return change
 
         return run
 

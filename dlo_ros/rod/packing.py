@@ -21,6 +21,7 @@ from dlo_ros.rod.elements.rod_tables import (
 )
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.planar_model import IN_PLANE, expand, flat_reference, reduce
+from dlo_ros.rod.sensitivity.sensitive_equilibrium import RestState
 from dlo_ros.rod.sensitivity.sensitivity_state import LINEAR, Rates, SensitivityState
 from dlo_ros.rod.solve.equation_system import System, Uniform
 from dlo_ros.rod.solve.integrator_state import LAST, NEXT, IntegratorState
@@ -120,6 +121,28 @@ def moving_of(state: State, command: Command, *, flat: bool) -> IntegratorState:
     )  # fmt: skip
 
 
+def rest_state_of(state: State) -> RestState:
+    """A copy of a state at rest for compiled code."""
+    strains = state.strains
+    return RestState(
+        state.q.copy(), Reference(*(x.copy() for x in state.reference)), state.frames.copy(),
+        strains.stretch.copy(), strains.other.copy(),
+        InternalVariables(*(x.copy() for x in state.internal)),
+    )  # fmt: skip
+
+
+def unchanged(state: State, count: int) -> RestState:
+    """Zero derivatives of a state at rest by `count` parameters."""
+    n, nb = len(state.q), len(state.strains.other)
+    zeros, vectors = np.zeros, (count, nb, 3)
+    return RestState(
+        zeros((count, n, 4)),
+        Reference(zeros(vectors), zeros(vectors), zeros(vectors), zeros((count, nb))),
+        zeros((count, 2, *state.frames.shape)), zeros((count, nb)), zeros(vectors),
+        InternalVariables(*(zeros((count, *x.shape)) for x in state.internal)),
+    )  # fmt: skip
+
+
 def varying_of(state: State, *, flat: bool) -> SensitivityState:
     """A copy of a state's sensitivities for compiled code; their parameters are not in it."""
     v = state.sensitivity
@@ -176,33 +199,26 @@ def insensitive(state: State, count: int) -> State:
     return replace(state, sensitivity=nothing_varies(state, count) if count else None)
 
 
-def varying_in_space(
-    varying: SensitivityState, q: FloatArray, *, still: bool = False
-) -> SensitivityState:
-    """Sensitivities of a planar rod as those of one in space at q (n, 4).
-
-    Args:
-        still: whether the rod is at rest, whatever its parameters.
-    """
-    d_q, changes = expand(varying.q, q), (varying.velocity, varying.acceleration, varying.auxiliary)
-    moving = [np.zeros_like(d_q)] * 3 if still else [expand(x, q) for x in changes]
-    return varying._replace(q=d_q, velocity=moving[0], acceleration=moving[1], auxiliary=moving[2])
+def varying_in_space(varying: SensitivityState, q: FloatArray) -> SensitivityState:
+    """Sensitivities of a planar rod as those of one in space at q (n, 4)."""
+    moving = varying.q, varying.velocity, varying.acceleration, varying.auxiliary
+    d_q, velocity, acceleration, auxiliary = (expand(x, q) for x in moving)
+    return varying._replace(
+        q=d_q, velocity=velocity, acceleration=acceleration, auxiliary=auxiliary
+    )
 
 
 def state_of(
     model: RodModel, before: State, m: IntegratorState, stamp: int,
     varying: SensitivityState | None = None,
-    *, still: bool = False,
 ) -> State:  # fmt: skip
-    """The state in space that compiled code has reached; `still` where it is at rest."""
+    """The state in space that compiled code has reached."""
     flat = m.q.shape[1] == len(IN_PLANE)
-    q = expand(m.q, before.q)
-    zero = np.zeros_like(q) if still else None
-    velocity, acceleration, auxiliary = (
-        expand(x, q) if zero is None else zero for x in (m.velocity, m.acceleration, m.auxiliary)
+    q, velocity, acceleration, auxiliary = (
+        expand(x, before.q) for x in (m.q, m.velocity, m.acceleration, m.auxiliary)
     )
     if varying is not None and flat:
-        varying = varying_in_space(varying, q, still=still)
+        varying = varying_in_space(varying, q)
     return State(
         stamp, q, velocity, acceleration, auxiliary,
         flat_reference(model, q, before.reference) if flat else m.reference, m.frames,

@@ -14,6 +14,7 @@ import numpy as np
 from dlo_ros.command import Command
 from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.boundary.conditions import DIRECTOR
+from dlo_ros.rod.elements.planar_assembly import tangents
 from dlo_ros.rod.elements.rod_tables import Reference
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.parameter_names import sideways
@@ -77,26 +78,6 @@ def expand(x: FloatArray, like: FloatArray) -> FloatArray:
 
 def flat_reference(model: RodModel, q: FloatArray, before: Reference) -> Reference:
     """The reference frame at a planar configuration (n, 4): its first director stays y."""
-    rule = model.rule
-    tangent, rate = _tangents(rule.span, rule.b1, rule.b2, q)
+    tangent, rate = np.zeros_like(before.tangent), np.zeros_like(before.rate)
+    tangents(q, model.rule, tangent, rate)
     return Reference(tangent, rate, before.director, before.twist)
-
-
-@njit()
-def _tangents(span, b1, b2, q):
-    """Unit tangents of a planar configuration (n, 4) and their derivatives along u, (nb, 3)."""
-    tangent, rate = np.zeros((span.size, 3)), np.zeros((span.size, 3))
-    for e in range(span.size):
-        px, pz, sx, sz = 0.0, 0.0, 0.0, 0.0
-        for i in range(4):
-            x, z = q[span[e] + i, 0], q[span[e] + i, 2]
-            px += b1[e, i] * x
-            pz += b1[e, i] * z
-            sx += b2[e, i] * x
-            sz += b2[e, i] * z
-        r = 1.0 / np.sqrt(px * px + pz * pz)
-        tx, tz = px * r, pz * r
-        along = tx * sx + tz * sz
-        tangent[e, 0], tangent[e, 2] = tx, tz
-        rate[e, 0], rate[e, 2] = (sx - along * tx) * r, (sz - along * tz) * r
-    return tangent, rate

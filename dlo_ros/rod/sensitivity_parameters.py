@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from dlo_ros.rod.elements.rod_tables import ConstitutiveLaw, Stiffness, Surround
 from dlo_ros.rod.model import CONTACT_PENETRATION, RodModel
 from dlo_ros.rod.packing import imposed_of, parts_of, stacked, stacked_imposed, true_command
 from dlo_ros.rod.parameter_names import parsed
+from dlo_ros.rod.sensitivity.prepared_rod import PreparedRod, prepare
 from dlo_ros.rod.sensitivity.sensitivity_state import (
     INELASTIC,
     LINEAR,
@@ -169,6 +171,7 @@ class Compiled:
     Args:
         system, imposed: see there.
         step, moves, rates, kind: fields of the parameters, see `SensitivityState`.
+        boundary: what the command holds.
     """
 
     system: System
@@ -177,6 +180,16 @@ class Compiled:
     moves: FloatArray
     rates: Rates
     kind: float
+    boundary: Boundary
+
+    @cached_property
+    def prepared(self) -> PreparedRod:
+        """All of it as one object for compiled code."""
+        found: PreparedRod = prepare(
+            self.system, self.imposed, self.step, self.moves, self.rates, self.kind,
+            self.boundary.fixed, self.boundary.pins,
+        )  # fmt: skip
+        return found
 
     def mark(self, varying: SensitivityState) -> SensitivityState:
         """Sensitivities that contain the names of their parameters."""
@@ -228,7 +241,7 @@ def _compiled(
     system, step = stacked(systems), np.array(steps, dtype=np.float64)
     return Compiled(
         system, stacked_imposed(commands), step, np.array(moves, dtype=np.float64),
-        _rates(system, step), _kind(model),
+        _rates(system, step), _kind(model), boundary,
     )  # fmt: skip
 
 

@@ -14,22 +14,19 @@ from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, SimulationError
 from dlo_ros.rod.boundary.imposed_motion import NO_DIRECTION_TEXT, Boundary, Held
 from dlo_ros.rod.elements.rod_tables import (
-    DOF,
     ConstitutiveLaw,
     InternalVariables,
     Material,
-    Reference,
     Surroundings,
 )
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import moving_of, nothing_varies, state_of, true_command
+from dlo_ros.rod.packing import rest_state_of, true_command, unchanged
 from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.sensitivity import sensitive_equilibrium
+from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
 from dlo_ros.rod.sensitivity_parameters import compiled
-from dlo_ros.rod.solve import equilibrium_continuation, newton_iteration
 from dlo_ros.rod.solve.generalised_alpha import DONE, NO_DIRECTION
-from dlo_ros.rod.state import State
-from dlo_ros.spline import FloatArray
+from dlo_ros.rod.state import State, Strains
 
 TOLERANCE = 1e-9
 # A rod that is elastic and touches nothing.
@@ -90,17 +87,11 @@ def settle(
     true = true_command(model, command)
     flat = in_plane(model, state, true, parameters)
     rod = compiled(model, boundary, command, parameters, flat=flat)
-    before, rest = (moving_of(state, true, flat=flat) for _ in range(2))
+    rest, change = rest_state_of(state), unchanged(state, len(parameters))
     time = (stamp - true.stamp) / NANOSECONDS
-    asked = rod.system, rod.imposed, before, time, model.rate2, TOLERANCE, fresh, rest
-    varying = None
-    if parameters:
-        varying = nothing_varies(state, len(parameters), flat=flat, rates=rod.rates)
-        varying = rod.mark(varying)
-        found = sensitive_equilibrium.settle(*asked, varying)
-    else:
-        found = equilibrium_continuation.settle(*asked)
-    status, iterations, negative, buckled = found
+    status, iterations, negative, buckled = sensitive_equilibrium.settle(
+        rod.prepared, flat, time, model.rate2, TOLERANCE, fresh, rest, change
+    )
     if status == NO_DIRECTION:
         raise CommandError(NO_DIRECTION_TEXT)
     if status != DONE:
@@ -109,32 +100,22 @@ def settle(
             f"no static equilibrium found after {iterations} iterations; check that the imposed "
             "ends can be reached and that stiffness and density are of a sensible size"
         )
-    new = state_of(model, state, rest, stamp, varying, still=True)
-    pins = (boundary.pin_rows @ new.q.ravel()).reshape(-1, 3)
-    reachable(model, Held(new.q, pins, new.frames), boundary)  # stretch reaches any place
-    if flat:
-        negative = max(negative, _unstable_directions(model, boundary, new.q, new.reference))
+    q, still = rest.q, np.zeros(rest.q.shape)
+    strains = Strains(rest.stretch, rest.other)
+    varying = None
+    if parameters:
+        none, c = np.zeros(change.q.shape), change
+        varying = SensitivityState(
+            rod.step, rod.moves, rod.rates, rod.kind, c.q, none, none, none, c.reference, c.frames,
+            c.stretch, c.stretch, c.other, c.other, c.internal,
+        )  # fmt: skip
+    new = State(
+        stamp, q, still, still, still, rest.reference, rest.frames, strains, strains,
+        rest.internal, sensitivity=varying,
+    )  # fmt: skip
+    pins = boundary.pins_of(q)
+    reachable(model, Held(q, pins, rest.frames), boundary)  # stretch reaches any place
     return Equilibrium(new, negative <= 0, iterations, buckled)
-
-
-def _unstable_directions(
-    model: RodModel, boundary: Boundary, q: FloatArray, reference: Reference
-) -> int:
-    """Negative eigenvalues of the stiffness in space."""
-    matter = material_at_rest(model, NO_INTERNAL_VARIABLES)._replace(law=LINEAR, around=FREE)
-    return int(
-        newton_iteration.negative_modes(
-            q,
-            boundary.fixed,
-            boundary.pins,
-            model.rule,
-            matter,
-            reference,
-            model.mass,
-            model.spin,
-            model.rate2,
-        )
-    )
 
 
 def material_at_rest(model: RodModel, internal: InternalVariables) -> Material:
@@ -152,14 +133,14 @@ def reachable(model: RodModel, held: Held, boundary: Boundary) -> None:
     Raises:
         SimulationError: with both distances.
     """
-    fixed = boundary.fixed.reshape(-1, DOF)
-    points = [(model.basis.greville[k], held.target[k, :3]) for k in (0, -1) if fixed[k, 0]]
-    points += list(zip(boundary.pin_abscissae, held.pins, strict=True))
-    points.sort(key=lambda p: float(p[0]))
+    points = [
+        (u, (held.pins if pinned else held.target)[k, :3].tolist())
+        for u, pinned, k in boundary.held_points
+    ]
     # What may slip in through a grip meanwhile counts from the start.
     longer = model.body.lengthening + max(model.body.slip or 0.0, 0.0) / model.basis.length
     for (u0, r0), (u1, r1) in pairwise(points):
-        apart, length = math.dist(r0, r1), longer * float(u1 - u0)
+        apart, length = math.dist(r0, r1), longer * (u1 - u0)
         if apart > 1.02 * length:
             raise SimulationError(
                 f"the command holds two points {apart:.4g} m apart, but the DLO between them is "

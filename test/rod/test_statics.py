@@ -1,6 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Equilibria against closed forms, boundary value problems and stability theory."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,8 @@ from dlo_ros.rod.resolution import build, choose
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.rod.state import refined, twist_angle
 from dlo_ros.rod.statics import settle
+
+UNREACHABLE = pytest.raises(SimulationError, match="apart")
 
 
 def elastica(settings):
@@ -157,6 +160,20 @@ def test_twisted_rod_buckles_where_stability_theory_says():
             found = settle(model, boundary, state, imposed, k * SECOND)
             state = found.state
         assert found.buckled is not stable
+
+
+@pytest.mark.parametrize("across", [0.0, 0.05], ids=["in the plane", "in space"])
+@pytest.mark.parametrize(("x", "ends"), [(0.25, nullcontext()), (0.6, UNREACHABLE)])
+def test_the_state_it_began_from_stays_what_it_was(x, ends, across):
+    near, far = ([[0.0, 0.0, 0.0], [end, across, -0.15]] for end in (0.3, x))
+    names = ["start", "control_point_10"]
+    model, boundary, found = settled(PAPER, command(names, [0.0], near), 14)
+    arrays = [found.state.q, found.state.frames, *found.state.reference, found.state.strains.other]
+    kept = [array.copy() for array in arrays]
+    with ends:
+        settle(model, boundary, found.state, command(names, [0.0], far), 0, parameters=MATERIAL)
+    for now, before in zip(arrays, kept, strict=True):
+        np.testing.assert_array_equal(now, before)
 
 
 def derivatives(model, boundary, found, imposed):

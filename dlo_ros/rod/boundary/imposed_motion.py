@@ -112,6 +112,23 @@ class Boundary:
                 rows[:, c, :, c] = b
         return rows.reshape(3 * count, n * DOF)
 
+    @cached_property
+    def held_points(self) -> tuple[tuple[float, bool, int], ...]:
+        """Places that are held: material coordinate [m], whether pinned, number of the pin or end.
+
+        They are in the order of the DLO; ends have the numbers 0 and -1.
+        """
+        fixed = self.fixed.reshape(-1, DOF)
+        points = [(float(self.basis.greville[k]), False, k) for k in (0, -1) if fixed[k, 0]]
+        points += [(float(u), True, k) for k, u in enumerate(self.pin_abscissae)]
+        return tuple(sorted(points))
+
+    def pins_of(self, q: FloatArray) -> FloatArray:
+        """Positions of the pinned points of a configuration (n, 4) [m], shape (k, 3)."""
+        if not len(self.pin_rows):
+            return np.zeros((0, 3))
+        return np.asarray(self.pin_rows @ q.ravel()).reshape(-1, 3)
+
     def pin_values(self, held: Held) -> FloatArray:
         """Values that `pins @ q` must have, given the fixed values, shape (3 k,)."""
         share = np.where(self.fixed, held.target.ravel(), 0.0)

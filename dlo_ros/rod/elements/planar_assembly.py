@@ -52,6 +52,28 @@ def _slopes(q, rule, e):
     return px, pz, sx, sz
 
 
+@linked(from_python=True)
+def tangents(q, rule, tangent, rate):
+    """Write the unit tangents of a planar configuration in space (n, 4), and their derivatives.
+
+    Args:
+        tangent, rate: output, the latter along u [1/m], shape (nb, 3).
+    """
+    for e in range(rule.span.size):
+        px, pz, sx, sz = 0.0, 0.0, 0.0, 0.0
+        for i in range(4):
+            x, z = q[rule.span[e] + i, 0], q[rule.span[e] + i, 2]
+            px += rule.b1[e, i] * x
+            pz += rule.b1[e, i] * z
+            sx += rule.b2[e, i] * x
+            sz += rule.b2[e, i] * z
+        r = 1.0 / np.sqrt(px * px + pz * pz)
+        tx, tz = px * r, pz * r
+        along = tx * sx + tz * sz
+        tangent[e, 0], tangent[e, 1], tangent[e, 2] = tx, 0.0, tz
+        rate[e, 0], rate[e, 1], rate[e, 2] = (sx - along * tx) * r, 0.0, (sz - along * tz) * r
+
+
 @linked(**FLAGS)
 def strains(q, rule):
     """Stretch (nb,) of whole spans, and the curvature in the first column of (nb, 3)."""

@@ -135,6 +135,15 @@ def frictionless(m):
 
 
 @linked()
+def unhindered(m):
+    """The material as a linear elastic one that touches nothing."""
+    a, none = m.around, np.zeros((0, 3))
+    around = Surroundings(0.0, a.creep, none, 0.0, a.span, a.b, a.weight, none, 0.0, none)
+    law = ConstitutiveLaw(0.0, np.inf, np.inf, 0.0, 0.0, 1.0, 0.0, np.inf)
+    return Material(m.stiffness, m.damping, m.bend_rest, law, around, m.internal, 0.0, 0.0)
+
+
+@linked()
 def relaxed_material(m, h):
     """The material with internal variables after a step of length h; none: it is at rest.
 

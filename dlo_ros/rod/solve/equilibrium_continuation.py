@@ -95,7 +95,7 @@ def _raises(bend):
     return max(int(np.ceil(np.log(most / least) / np.log(CONTRAST) - 1e-9)) - 1, 0)
 
 
-@linked(from_python=True)
+@linked()
 def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
     """Static equilibrium at a time, on the branch that leads there from a state.
 

@@ -248,7 +248,7 @@ def linearise(q, rule, matter, ref, inertia, spin):
     return band, gradient, response, grad_s, grad_o
 
 
-@linked(from_python=True)
+@linked()
 def negative_modes(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
     """Number of negative eigenvalues of the stiffness at q, with what is held."""
     none = np.zeros((q.shape[0], 4))
