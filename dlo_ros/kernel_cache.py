@@ -37,7 +37,9 @@ NUMBA_MISSING = "numba is not installed; pip install numba (Ubuntu 24.04 has no 
 _decorating = Lock()
 
 
-def njit(*, from_python: bool = True, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+def njit(
+    *, from_python: bool = True, constants: bool = False, **options: Any
+) -> Callable[[Callable[..., Any]], Any]:
     """Numba's decorator `njit`, which keeps the machine code in `cache_folder()`.
 
     Compiled functions release the interpreter's lock. Where the folder cannot be written, what is
@@ -46,6 +48,7 @@ def njit(*, from_python: bool = True, **options: Any) -> Callable[[Callable[...,
     Args:
         from_python: whether Python calls the function. What unpacks Python's objects, often more
             code than the function itself, is left out otherwise.
+        constants: whether it is compiled anew for each constant with which compiled code calls it.
         options: further options of `numba.njit`.
 
     Raises:
@@ -57,6 +60,12 @@ def njit(*, from_python: bool = True, **options: Any) -> Callable[[Callable[...,
     options |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": not from_python}
 
     def decorate(function: Callable[..., Any]) -> Any:
+        dispatcher = kept(function)
+        if not constants:
+            _without_constants(dispatcher)
+        return dispatcher
+
+    def kept(function: Callable[..., Any]) -> Any:
         folder = cache_folder()
         with _decorating:
             chosen = numba.config.CACHE_DIR
@@ -71,6 +80,22 @@ def njit(*, from_python: bool = True, **options: Any) -> Callable[[Callable[...,
                 numba.config.CACHE_DIR = chosen
 
     return decorate
+
+
+def _without_constants(dispatcher: Any) -> None:
+    """Let a function be typed by the kind of its arguments alone.
+
+    Numba compiles a function once more for each constant that a caller names. Where it matters,
+    LLVM sees the constant anyway once it has copied the function into its caller.
+    """
+    from numba.core.types import unliteral
+
+    template = dispatcher.get_call_template
+
+    def without(args: Any, kws: Any) -> Any:
+        return template(tuple(map(unliteral, args)), {k: unliteral(x) for k, x in kws.items()})
+
+    dispatcher.get_call_template = without
 
 
 def _read_only_cache(function: Callable[..., Any]) -> Any:

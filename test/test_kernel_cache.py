@@ -14,7 +14,7 @@ from ordinary import some_of
 from dlo_ros import kernel_cache
 from dlo_ros.compilation import BackgroundCompilation
 from dlo_ros.errors import KernelError
-from dlo_ros.kernel_cache import NUMBA_MISSING, find_folder, mark, source_digest
+from dlo_ros.kernel_cache import NUMBA_MISSING, find_folder, mark, njit, source_digest
 from dlo_ros.kernel_parts import STAGES
 
 SMALL = ("__init__.py", "errors.py", "kernel_cache.py", "kernel_parts.py")
@@ -39,6 +39,28 @@ from dlo_ros.kernel_cache import cache_folder
 print(carry(1), carry.stats.cache_hits[carry.signatures[0]] if carry.stats.cache_hits else 0)
 print(cache_folder())
 """
+
+
+@njit(from_python=False)
+def doubled(x):
+    return x + x
+
+
+@njit(from_python=False, constants=True)
+def tripled(x):
+    return x + x + x
+
+
+def test_constants_are_not_compiled_anew_unless_asked_for():
+    import numba
+
+    @numba.njit
+    def both(x):
+        return doubled(x) + doubled(2) + doubled(3) + tripled(x) + tripled(2)
+
+    assert both(1) == 2 + 4 + 6 + 3 + 6
+    assert len(doubled.overloads) == 1
+    assert len(tripled.overloads) == 2
 
 
 @pytest.fixture

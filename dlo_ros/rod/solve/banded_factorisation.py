@@ -19,7 +19,7 @@ SPACE, PLANE = 16, 8  # widths of the band, w + 1, of a rod
 SEVERAL = 8  # right-hand sides that are solved for side by side
 
 
-@njit(**INLINE)
+@njit(constants=True, **INLINE)
 def _factorise(band, diagonal, width):
     last = width - 1
     row = np.zeros(2 * width)  # zeros, then the row of an unknown
@@ -60,7 +60,7 @@ def factorise(band, diagonal):
     raise ValueError("a rod's matrix has rows of 16 or 8 numbers")
 
 
-@njit(**INLINE)
+@njit(constants=True, **INLINE)
 def _solve(band, diagonal, x, width):
     size, last = band.shape[0], width - 1
     full = min(last, size)  # rows before this one are shorter than the band
