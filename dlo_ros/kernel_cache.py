@@ -88,7 +88,7 @@ def _without_constants(dispatcher: Any) -> None:
     Numba compiles a function once more for each constant that a caller names. Where it matters,
     LLVM sees the constant anyway once it has copied the function into its caller.
     """
-    from numba.core.types import unliteral
+    from numba.core.types import unliteral  # type: ignore[attr-defined]
 
     template = dispatcher.get_call_template
 

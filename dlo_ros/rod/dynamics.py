@@ -4,30 +4,27 @@
 The equations M q'' + C q' + elastic forces = loads (paper, eq. (9)) hold exactly at the end of
 every step; the generalised-alpha method relates q'' to an auxiliary acceleration. The strain rate
 is a second-order backward difference, so a step minimises an incremental potential: the elastic
-energy with another stiffness and other rest strains. The compiled steps are in
-`batch.simd_integration` for rods that vector lanes know, one or many, with or without
-sensitivities, and in `adaptive_integration` for all others.
+energy with another stiffness and other rest strains. The compiled steps are in `batch.single_rod`
+for rods that vector lanes know, with or without sensitivities, and in `adaptive_integration` for
+all others.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
-from dlo_ros.rod.batch.layout import Layout
-from dlo_ros.rod.batch.parameter_sets import ParameterSets
-from dlo_ros.rod.batch.sensitivity_lanes import SensitivityLanes
+from dlo_ros.rod.batch.rod_in_lanes import RodInLanes
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.integration import Track, integrate
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import moving_of, state_of, true_command, varying_in_space
+from dlo_ros.rod.packing import moving_of, state_of, true_command
 from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.sensitivity.sensitivity_state import LINEAR
-from dlo_ros.rod.sensitivity_parameters import Compiled, compiled
+from dlo_ros.rod.sensitivity_parameters import compiled
 from dlo_ros.rod.solve.generalised_alpha import starting_acceleration
 from dlo_ros.rod.state import State
 
@@ -69,55 +66,14 @@ def follow(
     """
     true = true_command(model, command)
     flat = in_plane(model, state, true, parameters)
-    if in_lanes(model, boundary):
-        track = _in_lanes(model, boundary, state, command, stamps, parameters, flat, speeds)
-        if track is not None:
-            return track
-    return integrate(model, boundary, state, command, stamps, parameters, flat=flat)
-
-
-def _in_lanes(
-    model: RodModel,
-    boundary: Boundary,
-    state: State,
-    command: Command,
-    stamps: Sequence[int],
-    parameters: Sequence[str],
-    flat: bool,
-    speeds: bool,
-) -> Track | None:
-    """The motion by the vectorised engine; None where it does not know the sensitivities.
-
-    Args:
-        flat: whether the rod stays in the plane y = 0.
-        speeds: whether the velocities are wanted; with parameters they are given anyway.
-        The others: see `follow`.
-
-    Raises:
-        SimulationError, CommandError: see `follow`.
-    """
-    sets, lanes = sets_of(model, boundary), None
-    if parameters:
-        rod = compiled(model, boundary, command, parameters, flat=flat)
-        if rod.kind != LINEAR or rod.rates.stiffness.bend[:, :, 2].any():
-            return None
-        lanes = sensitivities_of(model, rod, sets.layout(flat=flat))
-        lanes.begin(state)
-    tracks = sets.follow(
-        [state], command, stamps, flat=flat, speeds=speeds or bool(parameters), sensitivities=lanes
-    )
-    if tracks.failures:
-        raise SimulationError(tracks.failures[0])
-    shapes, end = tracks.shapes[0], tracks.state(0)
-    velocities = tracks.speeds[0] if tracks.speeds.shape[1] else np.zeros_like(shapes)
-    twists = np.zeros((0, 0)) if flat else tracks.twists[0]
-    if lanes is None or tracks.derivatives is None:
-        none = np.zeros((len(stamps), 0, *state.q.shape))
-        return Track(end, shapes, velocities, twists, none, tracks.steps[0])
-    if 0 in tracks.ends.alone:  # the scalar engine has done it, without sensitivities
-        return None
-    end = replace(end, sensitivity=varying_in_space(lanes.end(), end.q))
-    return Track(end, shapes, velocities, twists, tracks.derivatives, tracks.steps[0])
+    rod = rod_in_lanes(model, boundary, command, parameters, flat=flat)
+    track = None if rod is None else rod.follow(state, true, stamps, speeds=speeds)
+    if track is not None:
+        return track
+    try:
+        return integrate(model, boundary, state, command, stamps, parameters, flat=flat)
+    except ZeroDivisionError as err:  # coinciding points
+        raise SimulationError(str(err)) from err
 
 
 def in_lanes(model: RodModel, boundary: Boundary) -> bool:
@@ -125,20 +81,27 @@ def in_lanes(model: RodModel, boundary: Boundary) -> bool:
     return model.plain and not len(boundary.pins) and not model.stiffness.bend[:, 2].any()
 
 
-def sets_of(model: RodModel, boundary: Boundary) -> ParameterSets:
-    """A rod as the only one of its sets, kept with the model."""
-    cache: dict[Boundary, ParameterSets] = model.__dict__.setdefault("_alone", {})
-    if boundary not in cache:
-        cache[boundary] = ParameterSets([model], boundary)
-    return cache[boundary]
+def rod_in_lanes(
+    model: RodModel, boundary: Boundary, command: Command, parameters: Sequence[str], *, flat: bool
+) -> RodInLanes | None:
+    """The rod for the vectorised engine, kept; None where that does not know it.
 
-
-def sensitivities_of(model: RodModel, rod: Compiled, layout: Layout) -> SensitivityLanes:
-    """The sensitivities of a rod in lanes, kept with the rod."""
-    kept: list[SensitivityLanes] = rod.__dict__.setdefault("_lanes", [])
-    if not kept:
-        kept.append(SensitivityLanes(model, rod, layout))
-    return kept[0]
+    Args:
+        command, parameters: see `follow`.
+        flat: whether the rod stays in the plane y = 0.
+    """
+    if not in_lanes(model, boundary):
+        return None
+    rod, kept = None, model.__dict__
+    if parameters:
+        rod = compiled(model, boundary, command, parameters, flat=flat)
+        if rod.kind != LINEAR or rod.coupled:
+            return None
+        kept = rod.__dict__
+    cache: dict[tuple[Boundary, bool], RodInLanes] = kept.setdefault("_lanes", {})
+    if (boundary, flat) not in cache:
+        cache[boundary, flat] = RodInLanes(model, boundary, rod, flat=flat)
+    return cache[boundary, flat]
 
 
 def with_consistent_acceleration(

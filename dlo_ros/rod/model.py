@@ -188,7 +188,7 @@ class RodModel:
             lasting, slide * body.lengthening, turn,
         )  # fmt: skip
 
-    @property
+    @cached_property
     def plain(self) -> bool:
         """Whether stiffness, mass, drag and loads describe the rod completely.
 

@@ -183,6 +183,11 @@ class Compiled:
     boundary: Boundary
 
     @cached_property
+    def coupled(self) -> bool:
+        """Whether a parameter couples the two directions of bending."""
+        return bool(self.rates.stiffness.bend[:, :, 2].any())
+
+    @cached_property
     def prepared(self) -> PreparedRod:
         """All of it as one object for compiled code."""
         found: PreparedRod = prepare(

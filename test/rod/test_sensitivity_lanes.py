@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.rod import dynamics, integration
-from dlo_ros.rod.batch import parameter_sets, simd_kernels, spatial_kernels
+from dlo_ros.rod.batch import parameter_sets, simd_kernels, single_rod, spatial_kernels
 from dlo_ros.rod.batch.layout import Layout
 from dlo_ros.rod.packing import insensitive
 from dlo_ros.rod.resolution import build
@@ -86,13 +86,12 @@ def test_sensitivities_are_those_of_the_scalar_engine(exact, space, free):
 def test_what_the_lanes_cannot_follow_the_scalar_engine_does(monkeypatch):
     model, boundary, state, imposed = moved(space=False)
     asked = (model, boundary, state, imposed, STAMPS[:2], NAMES)
-    march = parameter_sets.march
+    march = single_rod.march
 
     def failing(*arguments):
-        march(*arguments)
-        arguments[-1][:, 0] = NO_CONVERGENCE
+        return NO_CONVERGENCE, march(*arguments)[1]
 
-    monkeypatch.setattr(parameter_sets, "march", failing)
+    monkeypatch.setattr(single_rod, "march", failing)
     found, alone = dynamics.follow(*asked), integration.integrate(*asked, flat=True)
     np.testing.assert_array_equal(found.derivatives, alone.derivatives)
     np.testing.assert_array_equal(found.state.sensitivity.q, alone.state.sensitivity.q)

@@ -18,7 +18,7 @@ from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.rod import integration
 from dlo_ros.rod.batch.layout import Layout
-from dlo_ros.rod.batch.sensitivity_lanes import NO_PARAMETERS, SensitivityLanes
+from dlo_ros.rod.batch.sensitivity_lanes import NO_PARAMETERS
 from dlo_ros.rod.batch.simd_integration import DONE, NO_DIRECTION, march
 from dlo_ros.rod.batch.tracks import EndStates, Tracks
 from dlo_ros.rod.boundary import conditions
@@ -36,6 +36,17 @@ from dlo_ros.spline import FloatArray
 NEWTON_SHARE = 0.05
 SAME_FRAME = 1e-9  # vectors and angles [rad] of frames that differ by less are the same
 ROUNDING = 1e-11  # of L: smaller corrections are not asked for
+
+
+def accuracy(tolerance: float, length: float) -> tuple[float, float]:
+    """Error that one step may add, and convergence of Newton's method, both in m.
+
+    Args:
+        tolerance: simulation.tolerance.
+        length: L [m].
+    """
+    step = integration.STEP_SHARE * tolerance * length
+    return step, max(NEWTON_SHARE * step, ROUNDING * length)
 
 
 def follow_many(
@@ -67,7 +78,7 @@ class ParameterSets:
         self._check()
         self._layouts: dict[bool, Layout] = {}
         tolerance = min(m.settings.simulation.tolerance for m in self.models)
-        self._tolerance = integration.STEP_SHARE * tolerance * self.models[0].basis.length
+        self._accuracy = accuracy(tolerance, self.models[0].basis.length)
 
     def _check(self) -> None:
         if not self.models:
@@ -106,7 +117,6 @@ class ParameterSets:
         *,
         flat: bool | None = None,
         speeds: bool = False,
-        sensitivities: SensitivityLanes | None = None,
     ) -> Tracks:
         """Integrate all sets through stamps, as `dynamics.follow` does one.
 
@@ -119,7 +129,6 @@ class ParameterSets:
             stamps: [ns], growing, none before the states'.
             flat: whether all sets stay in the plane y = 0; None: it is found out.
             speeds: whether the velocities at the stamps are wanted.
-            sensitivities: derivatives that the only set carries along.
 
         Raises:
             InputError: the states do not fit the sets.
@@ -142,16 +151,13 @@ class ParameterSets:
         frames = frames[layout.order[:, 0]]
         shapes = rows(len(clock), len(times), layout.place[1])
         velocities = rows(len(clock), len(times) if speeds else 0, layout.place[1])
-        derivatives = rows(len(times), sensitivities.groups if sensitivities else 0,
-                           layout.place[1])  # fmt: skip
         status = np.empty((len(clock), 2), np.int64)
         twists = rows(len(clock), len(times), 0 if flat else len(states[0].strains.stretch))
         march(
             layout.sets, layout.tables, self.boundary.imposed(command), frames, motion,
             layout.place, layout.room, clock, self.boundary.reach * lengthening, length, times,
-            self._tolerance, max(NEWTON_SHARE * self._tolerance, ROUNDING * length),
-            sensitivities.variations if sensitivities else NO_PARAMETERS, shapes, velocities,
-            twists, derivatives, status,
+            *self._accuracy,
+            NO_PARAMETERS, shapes, velocities, twists, rows(len(times), 0, 0), status,
         )  # fmt: skip
         if np.any(status[:, 0] == NO_DIRECTION):
             raise CommandError(NO_DIRECTION_TEXT)
@@ -168,7 +174,6 @@ class ParameterSets:
         )
         tracks = Tracks(
             expand(moved, states[0].q), expand(speed, states[0].q), twisted,
-            expand(sensitivities.derivatives(derivatives), states[0].q) if sensitivities else None,
             status[:, 1].repeat(LANES)[:count], {}, ends,
         )  # fmt: skip
         for group in np.flatnonzero(status[:, 0] != DONE):

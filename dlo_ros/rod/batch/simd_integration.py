@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.adaptive_integration import FIRST_STEP, next_stop
 from dlo_ros.rod.batch.simd_kernels import BatchLaw, Scratch, tensions
@@ -49,17 +50,30 @@ def march(sets, tables, imposed, frames, motion, place, room, clock, reach, limi
         stops: times [s] from the command's start, growing, (S,).
         tolerance: error that one step may add [m], in the mean over the rod.
         newton: convergence of Newton's method [m].
-        variations: parameters of the only set whose sensitivities are carried along; those of no
-            parameter else.
+        variations: those of no parameter, see `single_rod`.
         shapes: output, (C, S, d n, LANES).
         speeds: output, velocities, likewise; (C, 0, d n, LANES) where they are not wanted.
         twists: output, twist strain [rad/m], (C, S, nb, LANES); nothing in the plane.
-        derivatives: output, (S, G, d n, LANES).
+        derivatives: none, (S, 0, d n, LANES).
         status: output, how each group ended and its steps, rejected ones included, (C, 2).
     """
     common = addresses(tables)
+    space = room_addresses(room)
+    for c in range(clock.shape[0]):
+        group, state = sets_at(sets, c), state_at(motion, c, place)
+        tensions(state.stretch, group.law, common, state.tension)
+        status[c, 0], status[c, 1] = march_group(
+            group, common, imposed, frames[c], state, space, room.target, clock[c], reach, limit,
+            stops, tolerance, newton, place, variations, shapes[c], speeds[c], twists[c],
+            derivatives,
+        )  # fmt: skip
+
+
+@njit(from_python=False)
+def room_addresses(room):
+    """The room of a step as addresses."""
     law, scratch = room.law, room.scratch
-    space = Room(
+    return Room(
         BatchLaw(address(law.stretch), address(law.stretch_rest), address(law.bend),
             address(law.bend_rest)),
         Scratch(address(scratch.gradient), address(scratch.step), address(scratch.band),
@@ -67,18 +81,10 @@ def march(sets, tables, imposed, frames, motion, place, room, clock, reach, limi
         address(room.matrix), address(room.rhs), address(room.q), address(room.q_star),
         address(room.v_star), address(room.lag), address(room.auxiliary), address(room.target),
     )  # fmt: skip
-    for c in range(clock.shape[0]):
-        group, state = sets_at(sets, c), state_at(motion, c, place)
-        tensions(state.stretch, group.law, common, state.tension)
-        status[c, 0], status[c, 1] = _march_group(
-            group, common, imposed, frames[c], state, space, room.target, clock[c], reach, limit,
-            stops, tolerance, newton, place, variations, shapes[c], speeds[c], twists[c],
-            derivatives,
-        )  # fmt: skip
 
 
 @linked()
-def _march_group(sets, tables, imposed, frames, motion, room, target, clock, reach, limit, stops,
+def march_group(sets, tables, imposed, frames, motion, room, target, clock, reach, limit, stops,
                  tolerance, newton, place, variations, shapes, speeds, twists,
                  derivatives):  # fmt: skip
     """Integrate one group; `adaptive_integration.march` says how steps are chosen."""

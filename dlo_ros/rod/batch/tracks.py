@@ -86,8 +86,6 @@ class Tracks:
         shapes: control points at every stamp, NaN for sets that failed, shape (S, T, n, 4).
         speeds: velocities of the control points, likewise; (S, 0, n, 4) where not requested.
         twists: twist strain [rad/m] at the bending points, shape (S, T, nb); none in the plane.
-        derivatives: derivatives of the only set's shapes by P parameters, shape (T, P, n, 4); None
-            where not requested.
         steps: number of steps of each set, rejected ones included, shape (S,).
         failures: the reason why a set failed, by its number.
         ends: states of the sets at the last stamp.
@@ -96,7 +94,6 @@ class Tracks:
     shapes: FloatArray
     speeds: FloatArray
     twists: FloatArray
-    derivatives: FloatArray | None
     steps: NDArray[np.int64]
     failures: dict[int, str]
     ends: EndStates = field(repr=False)
