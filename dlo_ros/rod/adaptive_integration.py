@@ -36,12 +36,11 @@ def next_stop(times, now, stop):
 
 
 @linked(from_python=True)
-def march(system, imposed, state, stops, tolerance, newton, varying, shapes, speeds, twists,
-          derivatives):  # fmt: skip
+def march(rod, state, stops, tolerance, newton, varying, shapes, speeds, twists, derivatives):
     """Integrate to a series of times.
 
     Args:
-        system, imposed: the rod and its command, with the variants of P parameters.
+        rod: a `PreparedRod`, with the variants of P parameters.
         state: state at the start; holds the state at the end afterwards (where it fails: the last
             good one).
         stops: times [s] from the command's start, growing, (S,).
@@ -55,6 +54,7 @@ def march(system, imposed, state, stops, tolerance, newton, varying, shapes, spe
     Returns:
         Status and the steps taken.
     """
+    system, imposed = rod.system, rod.imposed
     steps, count = 0, derivatives.shape[1]
     new = another(state)
     clock, times = state.clock, imposed.times[0]

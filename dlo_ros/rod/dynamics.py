@@ -112,6 +112,6 @@ def with_consistent_acceleration(
     flat = in_plane(model, state, true)
     moving = moving_of(state, true, flat=flat)
     rod = compiled(model, boundary, command, (), flat=flat)
-    start = np.asarray(starting_acceleration(rod.system, rod.imposed, moving))
+    start = np.asarray(starting_acceleration(rod.prepared, moving))
     moving = moving._replace(acceleration=start, auxiliary=start)
     return state_of(model, state, moving, state.stamp, state.sensitivity)

@@ -79,8 +79,8 @@ def integrate(
     tolerance = STEP_SHARE * model.settings.simulation.tolerance * model.basis.length
     newton = NEWTON_SHARE * tolerance / model.basis.length
     status, steps = adaptive_integration.march(
-        rod.system, rod.imposed, moving, times, tolerance, newton, varying, shapes, speeds,
-        twists, derivatives,
+        rod.prepared, moving, times, tolerance, newton, varying, shapes, speeds, twists,
+        derivatives,
     )  # fmt: skip
     if status == NO_DIRECTION:
         raise CommandError(NO_DIRECTION_TEXT)

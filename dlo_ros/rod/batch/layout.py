@@ -65,10 +65,10 @@ class Layout:
             self.lanes([[model.body.relaxation_time] for model in models]),
         )
         size, bends = d * n, points if flat else 3 * points
-        many = size + COLUMN - 1  # the factorisation in the plane reaches beyond the last column
+        many = size + 4 * d - 1  # the factorisation reaches beyond the last column
         scratch = (
             (size, many, COLUMN * many, 42, 16, 2 * points) if flat
-            else (size, size, spatial_kernels.BLOCKS * n, 3 * spatial_kernels.POINT,
+            else (size, many, spatial_kernels.BLOCKS * n, 3 * spatial_kernels.POINT,
                   spatial_kernels.SPAN, 3 * points)
         )  # fmt: skip
         frame = [0] * 4 if flat else [3 * points, 3 * points, 3 * points, points]

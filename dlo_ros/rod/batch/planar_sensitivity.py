@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch.simd_kernels import COLUMN, slopes, span_stretch
+from dlo_ros.rod.batch.simd_kernels import slopes, span_stretch
 from dlo_ros.rod.batch.simd_tables import local_tables
 from dlo_ros.rod.batch.span_lanes import gather, scatter_numbers
 from dlo_ros.rod.batch.stress_sensitivity import stress
 from dlo_ros.rod.elements.strains import MIDDLE
-from dlo_ros.rod.simd.eight_lanes import entry, load, root, row_address, spread, store
+from dlo_ros.rod.simd.eight_lanes import entry, load, root, row_address, store
 
 GRADIENTS = 6  # numbers of a point: derivatives of stretch by p, of curvature by p and s
 ROOM = 37  # rows of `SpanLanes.work` from which on there is room for a group's numbers
@@ -71,28 +71,6 @@ def subtract_stresses(tables, rates, change, pace, gradients, stresses, right):
             u, v, k = entry(tables.b1, 4 * e + i), entry(tables.b2, 4 * e + i), 2 * (span + i)
             store(right, k, load(right, k) - u * px - v * sx)
             store(right, k + 1, load(right, k + 1) - u * pz - v * sz)
-
-
-@linked()
-def subtract_imposed(tables, band, increments, right):
-    """Subtract the forces of what is imposed from the right-hand side."""
-    size = 2 * tables.n
-    for j in range(size):
-        if entry(tables.fixed, j) == 0.0:
-            continue
-        x = load(increments, j)
-        for i in range(max(0, j - COLUMN + 1), min(size, j + COLUMN)):
-            at = COLUMN * j + i - j if i >= j else COLUMN * i + j - i
-            store(right, i, load(right, i) - load(band, at) * x)
-
-
-@linked()
-def uncouple(tables, band):
-    """Take the coupling of what is free to what is held behind it out of the matrix."""
-    last = 2 * tables.hi
-    for k in range(max(2 * tables.lo, last - COLUMN + 1), last):
-        for i in range(last, k + COLUMN):
-            store(band, COLUMN * k + i - k, spread(0.0))
 
 
 @linked()

@@ -7,7 +7,7 @@ import numpy as np
 
 from dlo_ros.rod.batch import planar_sensitivity, spatial_sensitivity
 from dlo_ros.rod.batch.layout import Layout, bending
-from dlo_ros.rod.batch.simd_kernels import COLUMN, BatchLaw
+from dlo_ros.rod.batch.simd_kernels import BatchLaw
 from dlo_ros.rod.batch.simd_sensitivity import Variations
 from dlo_ros.rod.batch.simd_step import Sets
 from dlo_ros.rod.batch.stress_sensitivity import STRESS
@@ -26,7 +26,7 @@ def _no_parameters() -> Variations:
     rates = Sets(BatchLaw(group, group, group, group), group, group, group, group, group)
     return Variations(
         rates, none, group, imposed, none, none, none, many, group, group, rows(0), none, none,
-        none, group, np.zeros((0, 0, 0)), none, rows(0),
+        group, np.zeros((0, 0, 0)), none, rows(0),
     )  # fmt: skip
 
 
@@ -62,8 +62,7 @@ def variations_of(model: RodModel, rod: Compiled, layout: Layout) -> Variations:
         np.array(heavier.reshape(groups, LANES).any(axis=1), dtype=np.float64),
         rows(groups, layout.place[-1]), rod.imposed, rod.system.reach, rod.step, rod.moves,
         np.zeros((count, 2, 2, FRAME)), rows(groups, d * n),
-        rows(groups, d * n + (COLUMN - 1 if flat else 0)),
-        rows(0 if flat else 2 * points), np.zeros(len(layout.room.scratch.band)),
+        rows(groups, d * (n + 4) - 1), rows(0 if flat else 2 * points),
         np.zeros(kernels.GRADIENTS * points), np.zeros(STRESS * points * (2 if flat else 4)),
         rows(1, 0 if flat else 10 * points), np.zeros((2, n, d)), np.zeros(2), rows(d * n),
     )  # fmt: skip

@@ -14,8 +14,9 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.batch import common_matrix
 from dlo_ros.rod.batch.simd_tables import PAIRS, local_tables
-from dlo_ros.rod.batch.span_lanes import gather, scatter, scatter_columns
+from dlo_ros.rod.batch.span_lanes import gather, scatter
 from dlo_ros.rod.elements.strains import MIDDLE, OUTER
 from dlo_ros.rod.simd.eight_lanes import (
     LANES,
@@ -45,8 +46,8 @@ class Scratch(NamedTuple):
     """Room for the linear system; arrays (..., LANES)."""
 
     gradient: FloatArray  # (d n,)
-    step: FloatArray  # (d n + 7,) right-hand side and solution
-    band: FloatArray  # (8 (2 n + 7),) or (64 n,) matrix, then its factors
+    step: FloatArray  # (d (n + 4) - 1,) right-hand side and solution
+    band: FloatArray  # (8 (2 n + 7),) or (64 n,) matrix, then its factors; see `common_matrix`
     point: FloatArray  # (3 * 14,) or (3 * 42,) forces and second derivatives at a span's points
     line: FloatArray  # (16,) or (85,) derivatives of a span's mean stretch, of its tilt and so on
     tangent: FloatArray  # (2 nb,) or (3 nb,) unit tangents when last assembled
@@ -138,6 +139,11 @@ def assemble(q, tables, law, scratch, matrix, tension, first):
     gradient, band, zero = scratch.gradient, scratch.band, spread(0.0)
     for i in range(2 * hi):
         store(gradient, i, zero)
+    if tables.together.groups > 0:
+        common_matrix.begin(tables, matrix, band)
+        for group in range(tables.together.groups):
+            _add_group(q, tables, law, scratch, group, tension, first)
+        return
     for j in range(lo, hi):
         for i in range(j, j + 4):
             inside = i < hi
@@ -147,11 +153,8 @@ def assemble(q, tables, law, scratch, matrix, tension, first):
             store(band, at + m + 1, zero)
             store(band, at + COLUMN + m, x)
             store(band, at + COLUMN + m + 1, zero)
-    if tables.together.groups == 0:
-        for span in range(tables.spans):
-            _add_span(q, tables, law, scratch, span, tension, first)
-    for group in range(tables.together.groups):
-        _add_group(q, tables, law, scratch, group, tension, first)
+    for span in range(tables.spans):
+        _add_span(q, tables, law, scratch, span, tension, first)
 
 
 @linked()
@@ -219,7 +222,7 @@ def _add_group(q, tables, law, scratch, group, tension, first):
     low, high = 2 * tables.lo, 2 * tables.hi
     scatter(numbers, group, spans, tangent, 6, 6, 0, 6 * tables.spans, scratch.tangent)
     scatter(numbers, group, spans, gradient, -2, 8, low, high, scratch.gradient)
-    scatter_columns(numbers, group, spans, band, COLUMN, 2, low, high, scratch.band)
+    common_matrix.add_columns(tables, group, spans, band, scratch.band)
 
 
 @njit(from_python=False)

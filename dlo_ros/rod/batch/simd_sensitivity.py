@@ -14,9 +14,13 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch import planar_sensitivity, spatial_kernels, spatial_sensitivity
+from dlo_ros.rod.batch import (
+    common_matrix,
+    planar_sensitivity,
+    spatial_kernels,
+    spatial_sensitivity,
+)
 from dlo_ros.rod.batch.simd_kernels import BatchLaw, Frame, assemble
-from dlo_ros.rod.batch.simd_solver import solve, solve_again
 from dlo_ros.rod.batch.simd_step import BatchState, Sets, add_inertia_and_drag
 from dlo_ros.rod.batch.simd_tables import Tables
 from dlo_ros.rod.batch.stress_sensitivity import strains_ago, strains_beyond
@@ -26,7 +30,6 @@ from dlo_ros.rod.simd.eight_lanes import (
     address,
     entry,
     load,
-    put_entry,
     row_address,
     store,
 )  # fmt: skip
@@ -52,9 +55,8 @@ class Variations(NamedTuple):
     moves: FloatArray  # (P,) not 0 where the parameter changes what is imposed
     frames: FloatArray  # (P, 2, 2, FRAME) frames of the ends, above and below
     increments: FloatArray  # (G, d n, LANES) derivatives of what is imposed
-    right: FloatArray  # (G, d n, LANES) right-hand sides and solutions; in the plane 7 more zeros
+    right: FloatArray  # (G, d (n + 4) - 1, LANES) right-hand sides and solutions, zeros behind
     turn: FloatArray  # (2 nb, LANES) of a group, see `subtract_stresses`; none in the plane
-    factors: FloatArray  # numbers of the factorised matrix
     gradients: FloatArray  # numbers of the points that all parameters share, see `strain_gradients`
     stresses: FloatArray  # those of stretch, of bending and twist, see `STRESS`
     frame: FloatArray  # (1, 10 nb, LANES) reference frame before the step; none in the plane
@@ -166,18 +168,10 @@ def propagate(sets, tables, motion, room, h, rate_weights, place, variations):
         )  # fmt: skip
         for i in range(size):
             store(right, i, load(loads, i))
-        if dof == 4:
-            spatial_sensitivity.subtract_imposed(tables, band, increments, right)
-        else:
-            planar_sensitivity.subtract_imposed(tables, band, increments, right)
-    if dof == 4:
-        spatial_kernels.hold(tables, band)
-    else:
-        planar_sensitivity.uncouple(tables, band)
-    solve(scratch, tables)  # for the factors; they are the same in all lanes
-    for i in range(v.factors.size):
-        put_entry(v.factors, i, entry(band, LANES * i))
-    factors, turn, (c_mass, c_drag) = address(v.factors), address(v.turn), weights(h)
+        common_matrix.subtract_imposed(tables, band, increments, right)
+    common_matrix.hold(tables, band, 0, size)
+    common_matrix.factorise(tables, band, scratch.line)
+    turn, (c_mass, c_drag) = address(v.turn), weights(h)
     # Group by group from here on, so that what one of them has stays near the processor.
     for g in range(groups):
         rates, right = sets_at(v.rates, g), _group(v.right, g)
@@ -199,7 +193,7 @@ def propagate(sets, tables, motion, room, h, rate_weights, place, variations):
         if v.heavier[g] != 0.0:
             add_inertia_and_drag(rates, tables, motion.acceleration, motion.velocity, -1.0, right)
         _hold(tables, right, address(v.free))
-        solve_again(factors, right, tables)
+        common_matrix.substitute(tables, band, right)
         _hold(tables, right, _group(v.increments, g))
         _move_on(tables, change, h, right)
         if dof == 4:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.batch import common_matrix
 from dlo_ros.rod.batch.simd_kernels import COLUMN
 from dlo_ros.rod.batch.spatial_kernels import BLOCKS
 from dlo_ros.rod.simd.eight_lanes import (
@@ -17,7 +18,6 @@ from dlo_ros.rod.simd.eight_lanes import (
     smaller,
     spread,
     store,
-    table_address,
 )  # fmt: skip
 from dlo_ros.rod.simd.vector_algebra import INLINE
 
@@ -26,10 +26,11 @@ from dlo_ros.rod.simd.vector_algebra import INLINE
 def residual(q, matrix, rhs, scratch, tables):
     """Write rhs - matrix q - gradient of the free degrees of freedom to scratch.step."""
     n, lo, hi = tables.n, tables.lo, tables.hi
+    for i in range(tables.dof * hi, tables.dof * (hi + 4) - 1):
+        store(scratch.step, i, spread(0.0))
     if tables.dof == 4:
         _residual_in_space(q, matrix, rhs, scratch, tables)
         return
-    zero = spread(0.0)
     for i in range(lo, hi):
         x = load(rhs, 2 * i) - load(scratch.gradient, 2 * i)
         z = load(rhs, 2 * i + 1) - load(scratch.gradient, 2 * i + 1)
@@ -39,8 +40,6 @@ def residual(q, matrix, rhs, scratch, tables):
             z -= a * load(q, 2 * j + 1)
         store(scratch.step, 2 * i, x)
         store(scratch.step, 2 * i + 1, z)
-    for i in range(2 * hi, 2 * hi + 7):
-        store(scratch.step, i, zero)
 
 
 @njit(**INLINE)
@@ -77,6 +76,10 @@ def solve(scratch, tables):
         The smallest pivot of all sets.
     """
     lo, hi = tables.lo, tables.hi
+    if tables.together.groups > 0:
+        pivot = common_matrix.factorise(tables, scratch.band, scratch.line)
+        common_matrix.substitute(tables, scratch.band, scratch.step)
+        return pivot
     if tables.dof == 4:
         return _solve_blocks(scratch.band, scratch.step, lo, hi)
     band, step = scratch.band, scratch.step
@@ -97,40 +100,19 @@ def solve(scratch, tables):
                 store(band, to + b, load(band, to + b) - factor * load(band, at + b))
             store(step, k + a, load(step, k + a) - factor * y)
         store(band, at, inverse)
-    _substitute_back(table_address(band, 0), step, lo, hi)
+    _substitute_back(band, step, lo, hi)
     return 0.0 - largest(0.0 - lowest)
-
-
-@linked()
-def solve_again(factors, step, tables):
-    """Replace another right-hand side by the solution, with the factors of `solve`.
-
-    Args:
-        factors: what `solve` has made of the matrix where that is the same in all lanes, as
-            numbers.
-        step: right-hand side, in the plane with zeros behind the free part.
-    """
-    lo, hi = tables.lo, tables.hi
-    if tables.dof == 4:
-        _solve_blocks_again(factors, step, lo, hi)
-        return
-    for k in range(2 * lo, 2 * hi):
-        at = COLUMN * k
-        y = load(step, k) * entry(factors, at)
-        for a in range(1, 8):
-            store(step, k + a, load(step, k + a) - entry(factors, at + a) * y)
-    _substitute_back(factors, step, lo, hi)
 
 
 @njit(**INLINE)
 def _substitute_back(band, step, lo, hi):
-    """The second half of `solve` in the plane; the factors are rows or numbers, for `entry`."""
+    """The second half of `solve` in the plane."""
     for k in range(2 * hi - 1, 2 * lo - 1, -1):
         x = load(step, k)
         at = COLUMN * k
         for a in range(7, 0, -1):
-            x -= entry(band, at + a) * load(step, k + a)
-        store(step, k, x * entry(band, at))
+            x -= load(band, at + a) * load(step, k + a)
+        store(step, k, x * load(band, at))
 
 
 @njit(**INLINE)
@@ -173,57 +155,33 @@ def _solve_blocks(band, step, lo, hi):
                 x -= f1 * load(band, row) + f2 * load(band, row + 1)
                 x -= f3 * load(band, row + 2) + f4 * load(band, row + 3)
                 store(band, to + 4 * r, x)
-    _substitute_back_blocks(table_address(band, 0), step, lo, hi)
+    _substitute_back_blocks(band, step, lo, hi)
     return 0.0 - largest(0.0 - lowest)
 
 
 @njit(**INLINE)
-def _solve_blocks_again(factors, step, lo, hi):
-    """`solve_again` in space."""
-    for k in range(lo, hi):
-        last, at = min(3, hi - 1 - k), BLOCKS * k
-        y1 = load(step, 4 * k)
-        f1 = y1 * entry(factors, at)
-        y2 = load(step, 4 * k + 1) - entry(factors, at + 4) * f1
-        f2 = y2 * entry(factors, at + 5)
-        y3 = load(step, 4 * k + 2) - entry(factors, at + 8) * f1 - entry(factors, at + 9) * f2
-        f3 = y3 * entry(factors, at + 10)
-        y4 = load(step, 4 * k + 3) - entry(factors, at + 12) * f1 - entry(factors, at + 13) * f2
-        y4 -= entry(factors, at + 14) * f3
-        f4 = y4 * entry(factors, at + 15)
-        store(step, 4 * k + 1, y2)
-        store(step, 4 * k + 2, y3)
-        store(step, 4 * k + 3, y4)
-        for r in range(4, 4 * (last + 1)):
-            row = at + 4 * r
-            y = load(step, 4 * k + r) - entry(factors, row) * f1 - entry(factors, row + 1) * f2
-            store(step, 4 * k + r, y - entry(factors, row + 2) * f3 - entry(factors, row + 3) * f4)
-    _substitute_back_blocks(factors, step, lo, hi)
-
-
-@njit(**INLINE)
 def _substitute_back_blocks(band, step, lo, hi):
-    """The second half of `solve` in space; the factors are rows or numbers, for `entry`."""
+    """The second half of `solve` in space."""
     for k in range(hi - 1, lo - 1, -1):
         last, at = min(3, hi - 1 - k), BLOCKS * k
         x1, x2, x3, x4 = (load(step, 4 * k), load(step, 4 * k + 1), load(step, 4 * k + 2),
                           load(step, 4 * k + 3))  # fmt: skip
-        x1 *= entry(band, at)
-        x2 *= entry(band, at + 5)
-        x3 *= entry(band, at + 10)
-        x4 *= entry(band, at + 15)
+        x1 *= load(band, at)
+        x2 *= load(band, at + 5)
+        x3 *= load(band, at + 10)
+        x4 *= load(band, at + 15)
         a, b, c, d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
         for r in range(4, 4 * (last + 1)):
             row, y = at + 4 * r, load(step, 4 * k + r)
-            a += entry(band, row) * y
-            b += entry(band, row + 1) * y
-            c += entry(band, row + 2) * y
-            d += entry(band, row + 3) * y
-        x4 -= d * entry(band, at + 15)
-        x3 -= (c + entry(band, at + 14) * x4) * entry(band, at + 10)
-        x2 -= (b + entry(band, at + 9) * x3 + entry(band, at + 13) * x4) * entry(band, at + 5)
-        x1 -= (a + entry(band, at + 4) * x2 + entry(band, at + 8) * x3
-               + entry(band, at + 12) * x4) * entry(band, at)  # fmt: skip
+            a += load(band, row) * y
+            b += load(band, row + 1) * y
+            c += load(band, row + 2) * y
+            d += load(band, row + 3) * y
+        x4 -= d * load(band, at + 15)
+        x3 -= (c + load(band, at + 14) * x4) * load(band, at + 10)
+        x2 -= (b + load(band, at + 9) * x3 + load(band, at + 13) * x4) * load(band, at + 5)
+        x1 -= (a + load(band, at + 4) * x2 + load(band, at + 8) * x3
+               + load(band, at + 12) * x4) * load(band, at)  # fmt: skip
         store(step, 4 * k, x1)
         store(step, 4 * k + 1, x2)
         store(step, 4 * k + 2, x3)

@@ -128,30 +128,3 @@ def scatter_numbers(numbers, group, size, source, count, target):
         first = count * int(entry(numbers, LANES * group + lane))
         for r in range(count):
             put_entry(target, first + r, entry(source, LANES * r + lane))
-
-
-@linked()
-def scatter_columns(numbers, group, spans, source, size, shift, low, high, target):
-    """Add columns of a group's stiffness to those of the rod.
-
-    Row `size` a + m couples number a + m, or with blocks the one of control point a + m // 16, to
-    number or control point a.
-
-    Args:
-        source: rows of the four control points.
-        size: rows of a column, or of a control point's columns of blocks.
-        shift: columns from one span to the next.
-        low, high: columns of the rod that are free.
-        target: rows of the rod.
-    """
-    width = 16 if shift == 1 else 1
-    count = 4 if shift == 1 else 8
-    for lane in range(spans):
-        first = shift * int(entry(numbers, LANES * group + lane))
-        for a in range(count):
-            column = first + a
-            if column < low:
-                continue
-            for m in range(min(count - a, high - column) * width):
-                to, x = size * column + m, entry(source, LANES * (size * a + m) + lane)
-                store(target, to, load(target, to) + x)

@@ -13,9 +13,10 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.batch import common_matrix
 from dlo_ros.rod.batch.simd_kernels import Scratch, counts, gathered_law
 from dlo_ros.rod.batch.simd_tables import PAIRS, local_tables
-from dlo_ros.rod.batch.span_lanes import gather, scatter, scatter_columns
+from dlo_ros.rod.batch.span_lanes import gather, scatter
 from dlo_ros.rod.batch.spatial_strains import gathered_rod, get, line, put, slopes
 from dlo_ros.rod.elements.strain_derivatives import Stress, first_at, second
 from dlo_ros.rod.elements.strains import (
@@ -53,6 +54,12 @@ def assemble(q, tables, frame, law, scratch, matrix, tension, first):
     gradient, band, zero = scratch.gradient, scratch.band, spread(0.0)
     for i in range(4 * hi):
         store(gradient, i, zero)
+    if tables.together.groups > 0:
+        common_matrix.begin(tables, matrix, band)
+        for group in range(tables.together.groups):
+            _add_group(q, tables, frame, law, scratch, group, tension, first)
+        common_matrix.hold(tables, band, 4 * lo, 4 * hi)
+        return
     theta = 4 * tables.n
     for j in range(lo, hi):
         for k in range(BLOCKS):
@@ -62,12 +69,9 @@ def assemble(q, tables, frame, law, scratch, matrix, tension, first):
             for c in range(3):
                 store(band, at + 5 * c, load(matrix, row))
             store(band, at + 15, load(matrix, theta + row))
-    if tables.together.groups == 0:
-        for span in range(tables.spans):
-            _add_span(q, tables, frame, law, scratch, span, tension, first)
-    for group in range(tables.together.groups):
-        _add_group(q, tables, frame, law, scratch, group, tension, first)
-    hold(tables, band)
+    for span in range(tables.spans):
+        _add_span(q, tables, frame, law, scratch, span, tension, first)
+    _hold(tables, band)
 
 
 @linked(**FLAGS)
@@ -104,11 +108,11 @@ def _add_group(q, tables, frame, law, scratch, group, tension, first):
     low, high = tables.lo, tables.hi
     scatter(numbers, group, spans, tangent, 9, 9, 0, 9 * tables.spans, scratch.tangent)
     scatter(numbers, group, spans, gradient, -4, 16, 4 * low, 4 * high, scratch.gradient)
-    scatter_columns(numbers, group, spans, band, BLOCKS, 1, low, high, scratch.band)
+    common_matrix.add_columns(tables, group, spans, band, scratch.band)
 
 
 @linked()
-def hold(tables, band):
+def _hold(tables, band):
     """Make rows and columns of what is imposed those of the unit matrix."""
     lo, hi, zero, one = tables.lo, tables.hi, spread(0.0), spread(1.0)
     for k in range(4 * lo, 4 * hi):

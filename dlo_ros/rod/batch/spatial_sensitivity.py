@@ -15,7 +15,6 @@ from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.batch.simd_kernels import gathered_law, span_stretch
 from dlo_ros.rod.batch.simd_tables import local_tables
 from dlo_ros.rod.batch.span_lanes import gather, scatter_numbers
-from dlo_ros.rod.batch.spatial_kernels import BLOCKS
 from dlo_ros.rod.batch.spatial_strains import gathered_rod, get, line, put, slopes
 from dlo_ros.rod.batch.stress_sensitivity import stress
 from dlo_ros.rod.elements.strain_derivatives import first_at
@@ -193,27 +192,6 @@ def subtract_stresses(tables, rates, change, pace, gradients, stresses, turn, ri
                 w, u, v = entry(tables.b, j), entry(tables.b1, j), entry(tables.b2, j)
                 put(right, to, mix3(1.0, get(right, to), -u, slow, -v, fast))
                 store(right, to + 3, load(right, to + 3) - w * around - u * f3)
-
-
-@linked(**FLAGS)
-def subtract_imposed(tables, band, increments, right):
-    """Subtract the forces of what is imposed from `right`."""
-    n = tables.n
-    for k in range(4 * n):
-        if entry(tables.fixed, k) == 0.0:
-            continue
-        j, c = k // 4, k % 4
-        x = load(increments, k)
-        for o in range(min(4, n - j)):
-            for r in range(4):
-                to = 4 * (j + o) + r
-                at = BLOCKS * j + 16 * o + 4 * r + c
-                store(right, to, load(right, to) - load(band, at) * x)
-        for o in range(1, min(3, j) + 1):
-            for r in range(4):
-                to = 4 * (j - o) + r
-                at = BLOCKS * (j - o) + 16 * o + 4 * c + r
-                store(right, to, load(right, to) - load(band, at) * x)
 
 
 @linked(**FLAGS)

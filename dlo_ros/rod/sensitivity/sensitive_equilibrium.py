@@ -15,11 +15,10 @@ from dlo_ros.rod.elements.planar_assembly import PLANAR, tangents
 from dlo_ros.rod.elements.rod_tables import InternalVariables, Reference
 from dlo_ros.rod.sensitivity.propagation import propagate_equilibrium
 from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
-from dlo_ros.rod.simd.row_operations import copy_numbers
 from dlo_ros.rod.solve import equilibrium_continuation
 from dlo_ros.rod.solve.equation_system import ITSELF, growth, material_at_rest, unhindered
 from dlo_ros.rod.solve.generalised_alpha import DONE
-from dlo_ros.rod.solve.integrator_state import IntegratorState, another
+from dlo_ros.rod.solve.integrator_state import IntegratorState, another, assign
 from dlo_ros.rod.solve.newton_iteration import negative_modes
 from dlo_ros.spline import FloatArray
 
@@ -70,7 +69,7 @@ def _vary(rod, before, now, fresh, change):
     count, (n, dof) = rod.step.size, now.q.shape
     for a in range(count):
         for side in range(2):
-            copy_numbers(change.frames[a, side], before.frames)
+            assign(change.frames[a, side], before.frames)
     d_q = np.zeros((count, n, dof))
     varying = SensitivityState(
         rod.step, rod.moves, rod.rates, rod.kind, d_q, d_q, d_q, d_q, change.reference,
@@ -79,7 +78,7 @@ def _vary(rod, before, now, fresh, change):
     )  # fmt: skip
     propagate_equilibrium(rod.system, rod.imposed, before.q, now, before.internal, fresh, varying)
     if dof != PLANAR:
-        copy_numbers(change.q, d_q)
+        assign(change.q, d_q)
         return
     for a in range(count):
         _in_space(d_q[a], change.q[a])

@@ -133,6 +133,17 @@ def row_address(_, array, row):
 
 
 @intrinsic
+def number_address(_, array, number):
+    """Address of a number of a contiguous array, where rows begin for `load` and `store`."""
+
+    def generate(context, builder, sig, args):
+        at = context.cast(builder, args[1], sig.args[1], types.intp)
+        return builder.gep(_data(context, builder, sig.args[0], args[0]), [at])
+
+    return ADDRESS(array, number), generate
+
+
+@intrinsic
 def table_address(_, array, row):
     """The same, for `entry`: what is one number for all lanes elsewhere is one for each there."""
 

@@ -235,8 +235,14 @@ def _mean_jump(fixed, new, old):
 
 
 @linked(from_python=True)
-def starting_acceleration(system, imposed, state):
-    """The acceleration that the forces of a state cause, imposed points not accelerated."""
+def starting_acceleration(rod, state):
+    """The acceleration that the forces of a state cause, imposed points not accelerated.
+
+    Args:
+        rod: `system` and `imposed`, as one object.
+        state: an `IntegratorState`.
+    """
+    system, imposed = rod.system, rod.imposed
     factor = growth(imposed, ITSELF, state.clock[TIME])
     none = np.zeros((state.q.shape[0], 4))
     matter = material_at_rest(system, ITSELF, factor, state.internal)
