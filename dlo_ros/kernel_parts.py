@@ -26,12 +26,12 @@ class Part:
 
 STAGES: dict[str, tuple[Part, ...]] = {
     "rod": (
-        Part("rod_statics", "dlo_ros.rod.compile_rod:compile_statics", 40.0, 132),
-        Part("rod_dynamics", "dlo_ros.rod.compile_rod:compile_dynamics", 40.0, 131),
+        Part("rod_statics", "dlo_ros.rod.compile_rod:compile_statics", 40.0, 188),
+        Part("rod_dynamics", "dlo_ros.rod.compile_rod:compile_dynamics", 40.0, 189),
     ),
-    "vision": (Part("vision", "dlo_ros.vision.compile_vision:compile_kernels", 18.0, 39),),
+    "vision": (Part("vision", "dlo_ros.vision.compile_vision:compile_kernels", 18.0, 47),),
     "synthesis": (
-        Part("synthesis", "dlo_ros.synthesis.compile_synthesis:compile_kernels", 10.0, 20),
+        Part("synthesis", "dlo_ros.synthesis.compile_synthesis:compile_kernels", 10.0, 17),
     ),
 }
 """What a node or tool may ask for; each part of a stage is of that stage alone."""

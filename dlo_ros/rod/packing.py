@@ -156,25 +156,16 @@ def varying_of(state: State, *, flat: bool) -> SensitivityState:
     )  # fmt: skip
 
 
-def nothing_varies(
-    state: State, count: int, *, flat: bool = False, rates: Rates | None = None
-) -> SensitivityState:
-    """Zero sensitivities of a state to `count` parameters.
-
-    Args:
-        flat: whether they are those of a planar rod.
-        rates: derivatives of the rod's numbers; None: zeros.
-    """
+def nothing_varies(state: State, count: int, *, flat: bool = False) -> SensitivityState:
+    """Zero sensitivities of a state to `count` parameters; `flat`: those of a planar rod."""
     n, nb, d = len(state.q), len(state.strains.other), 2 if flat else 4
 
     def zeros(*shape: int) -> FloatArray:
         return np.zeros((count, *shape))
 
-    if rates is None:
-        rates = _no_rates(n, nb, d, count)
     return SensitivityState(
-        zeros(), zeros(), rates, LINEAR, zeros(n, d), zeros(n, d), zeros(n, d), zeros(n, d),
-        Reference(zeros(nb, 3), zeros(nb, 3), zeros(nb, 3), zeros(nb)),
+        zeros(), zeros(), _no_rates(n, nb, d, count), LINEAR, zeros(n, d), zeros(n, d),
+        zeros(n, d), zeros(n, d), Reference(zeros(nb, 3), zeros(nb, 3), zeros(nb, 3), zeros(nb)),
         state.frames[None, None].repeat(2, axis=1).repeat(count, axis=0), zeros(nb), zeros(nb),
         zeros(nb, 3), zeros(nb, 3), InternalVariables(*(zeros(*x.shape) for x in state.internal)),
     )  # fmt: skip
