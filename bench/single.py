@@ -91,7 +91,7 @@ class Statics:
         return float(np.abs(exact - difference).max() / np.abs(difference).max())
 
     def compiled(self) -> Callable[[], Any]:
-        """A function that settles by compiled code alone, everything around it prepared."""
+        """A function that settles by compiled code, around it no more than copies of the state."""
         flat, count = not self.spatial, len(PARAMETERS)
         calls = []
         for model, start in zip(self.models, reversed(self.states), strict=True):

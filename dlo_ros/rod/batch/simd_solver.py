@@ -1,7 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Linear equations of eight parameter sets: residual, factorisation, solution.
 
-For the layout of matrices see `simd_kernels` and, in space, `spatial_kernels`.
+For the layout of matrices see `simd_kernels` and, in space, `spatial_kernels`; for that of a rod
+which all lanes hold, `common_matrix`.
 """
 
 from __future__ import annotations

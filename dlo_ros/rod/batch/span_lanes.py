@@ -2,8 +2,8 @@
 """Knot spans of one rod in lanes: where all lanes hold the same rod, eight spans cost as one.
 
 Their numbers are gathered to rows as if each were a rod of four control points, in a lane of its
-own; forces and stiffness are scattered back to all lanes. Spans whose stretch or twist is a
-straight line come first, so that few groups have to look at such lines.
+own; forces are scattered back to all lanes, stiffness to `common_matrix`. Spans whose stretch or
+twist is a straight line come first, so that few groups have to look at such lines.
 """
 
 from __future__ import annotations
