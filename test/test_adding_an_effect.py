@@ -60,7 +60,7 @@ from dlo_ros.diagnosis import diagnose
 from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.effects import build, effects
 from dlo_ros.identification import identify
-from dlo_ros.identification.batched_forecast import forecast_varied
+from dlo_ros.identification.batched_forecast import forecast_each
 from dlo_ros.inference.forecast import forecast
 
 OWN = ("pixel_aspect", "rough_board")
@@ -74,7 +74,7 @@ seen = replace(true, observations=tuple(
 
 # identify: the effect acts in the batched run, too, or that run is left out.
 with_effect = KNOWN.with_effects({"pixel_aspect": {"ratio": 1.03}})
-one, other = forecast(seen, with_effect), forecast_varied(seen, with_effect)
+one, other = forecast(seen, with_effect), forecast_each(seen, [with_effect])[0]
 plain = forecast(seen, KNOWN)
 print(abs(one.predicted - other.predicted).max(), abs(one.predicted - plain.predicted).max())
 for settings in (with_effect, KNOWN):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 from abc import abstractmethod
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from typing import ClassVar, Protocol
 
 from dlo_ros.command import Command, Motion
@@ -20,9 +20,6 @@ from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
-
-Quotient = Callable[[FloatArray], FloatArray]
-"""Derivatives of a quantity by P parameters, shape (P, ...), from its values in S sets (S, ...)."""
 
 
 def instability(*, flat: bool = False) -> str:
@@ -221,14 +218,6 @@ class RodBatch(Protocol):
 
         Raises:
             InputError: the sets cannot share their simulation.
-        """
-
-    def differentiated(self, parameters: Sequence[str], quotient: Quotient) -> RodSimulation:
-        """The simulation of the first set at the present instant, with sensitivities.
-
-        Args:
-            parameters: P names, by which they are.
-            quotient: rule by which derivatives follow from the sets.
         """
 
 

@@ -145,16 +145,6 @@ class Simulation(RodSimulation):
         twin.update(settings)
         return twin
 
-    def _carrying(self, state: State, parameters: Sequence[str]) -> Simulation:
-        """A simulation that continues from a state with given sensitivities to parameters."""
-        twin = copy(self)
-        twin.state, twin.parameters = state, tuple(parameters)
-        twin._timeline, twin._measurement = (
-            self._timeline.another(),
-            MeasurementMap(self.settings, parameters),
-        )
-        return twin
-
     def with_sensitivities(self, parameters: Sequence[str], present: Command) -> Simulation:
         """An independent simulation; see `RodSimulation.with_sensitivities`."""
         names = tuple(parameters)
@@ -165,7 +155,11 @@ class Simulation(RodSimulation):
                 state = settle(
                     self.model, self.boundary, state, present, state.stamp, parameters=names
                 ).state
-        return self._carrying(state, names)
+        twin = copy(self)
+        twin.state, twin.parameters = state, names
+        twin._timeline = self._timeline.another()
+        twin._measurement = MeasurementMap(self.settings, names)
+        return twin
 
     def batching(
         self, sets: Sequence[RodSettings], last_stamp: int
@@ -189,9 +183,7 @@ class Simulation(RodSimulation):
                 started[k] = started_set(model.with_settings(settings), boundary, state, command)
             except SimulationError as err:
                 failures[k] = str(err)
-        return SimulationBatch(
-            started, failures, boundary, command, self.published, self._carrying
-        )  # fmt: skip
+        return SimulationBatch(started, failures, boundary, command, self.published)
 
     def _insensitive(self, state: State) -> State:
         """The state with zero sensitivities: it does not depend on the parameters."""

@@ -1,21 +1,18 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Many parameter sets of one DLO simulated at once, and sensitivities from their differences."""
+"""Many parameter sets of one DLO simulated at once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dlo_ros.command import Command
-from dlo_ros.errors import SimulationError
 from dlo_ros.rod.batch.parameter_sets import ParameterSets
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.dynamics import with_consistent_acceleration
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import nothing_varies
-from dlo_ros.rod.protocol import Quotient, RodSimulation
 from dlo_ros.rod.state import State
 from dlo_ros.rod.statics import settle
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -54,14 +51,11 @@ class SimulationBatch:
         boundary: common to all.
         command: command that holds all the time.
         published: basis of the shapes.
-        resumed: a simulation of the first set that goes on from a state whose sensitivities to
-            some parameters are known.
     """
 
     def __init__(
         self, sets: Mapping[int, StartedSet], failures: Mapping[int, str], boundary: Boundary,
         command: Command, published: SplineBasis,
-        resumed: Callable[[State, Sequence[str]], RodSimulation],
     ) -> None:  # fmt: skip
         self.failures = dict(failures)
         self.stable: Sequence[bool] = [
@@ -70,7 +64,7 @@ class SimulationBatch:
         self._numbers = sorted(sets)
         self._models = [sets[k].model for k in self._numbers]
         self._states = [sets[k].state for k in self._numbers]
-        self._boundary, self._command, self._resumed = boundary, command, resumed
+        self._boundary, self._command = boundary, command
         self._published = published
         self._down = published.projection(self._models[0].basis)
         self._together: ParameterSets | None = None
@@ -104,28 +98,3 @@ class SimulationBatch:
             result[number] = self._down @ shapes[row]
         result[..., 3] = 0.0
         return result
-
-    def differentiated(self, parameters: Sequence[str], quotient: Quotient) -> RodSimulation:
-        """The simulation of the first set at the present instant, with sensitivities.
-
-        Raises:
-            SimulationError: a set has failed.
-        """
-        if self.failures:
-            raise SimulationError(f"a parameter set has failed: {min(self.failures.items())[1]}")
-        state = self._states[0]
-        sensitivity = nothing_varies(state, len(parameters))
-        parts: dict[str, Callable[[State], FloatArray]] = {
-            "q": lambda s: s.q,
-            "velocity": lambda s: s.velocity,
-            "acceleration": lambda s: s.acceleration,
-            "auxiliary": lambda s: s.auxiliary,
-            "stretch": lambda s: s.strains.stretch,
-            "stretch_before": lambda s: s.previous.stretch,
-            "other": lambda s: s.strains.other,
-            "other_before": lambda s: s.previous.other,
-        }
-        for name, part in parts.items():
-            rate = getattr(sensitivity, name)
-            rate[...] = quotient(np.array([part(s) for s in self._states]))
-        return self._resumed(replace(state, sensitivity=sensitivity), parameters)

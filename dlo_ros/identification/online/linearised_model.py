@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dlo_ros.identification.batched_forecast import Varied
 from dlo_ros.inference.forecast import Forecast, compared
 from dlo_ros.inference.observation_operator import directions
 from dlo_ros.inference.spectrum import Spectrum, spectrum
@@ -207,9 +206,6 @@ class Run:
             self.error,
             unit=self.unit,
         )
-        self._take(found)
-
-    def _take(self, found: Forecast) -> None:
         assert found.derivative is not None
         self.residuals += list(found.residual)
         self.derivatives += list(found.derivative)
@@ -217,15 +213,6 @@ class Run:
         self.stamps += [int(s) for s in found.stamps]
         for residual, derivative in zip(found.residual, found.derivative, strict=True):
             self.at.add(residual, derivative)
-
-    @classmethod
-    def after(
-        cls, theta: FloatArray, numbers: int, found: Varied, unit: float | None, error: float
-    ) -> Run:
-        """The run that has made a forecast."""
-        run = cls(Linearised(theta, numbers), found.simulation, unit, error)
-        run._take(found.forecast)
-        return run
 
     def sum_of_squares_until(self, stamp: int) -> float:
         """Sum of squared residuals of the observations up to a stamp [m^2]."""

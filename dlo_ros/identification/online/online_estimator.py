@@ -24,8 +24,7 @@ import numpy as np
 
 from dlo_ros.command import Command, Motion
 from dlo_ros.errors import InputError, SimulationError
-from dlo_ros.identification.batched_forecast import varied_in_pieces
-from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces, Worker, short
+from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces, Worker
 from dlo_ros.identification.estimate import (
     Estimate,
     logarithms,
@@ -64,7 +63,6 @@ BUDGET = 0.0028  # [s] of processor time that an update takes where work is due
 PIECE_SHARE = 0.4  # of the budget that a piece of work should take
 # Observations that are simulated again in a piece; one a time would never catch up.
 FEWEST_AT_ONCE, MOST_AT_ONCE = 2, 20
-AT_ONCE = 6  # likewise, with several sets of parameters
 ITERATIONS = 4  # before the work begins that else would wait
 WINDOW = 20.0  # [s] of past that is simulated again; older information is kept as a summary
 RETRY_GROWTH = 1.2  # growth of the past after which a failed relinearisation is tried again
@@ -242,16 +240,9 @@ class OnlineEstimator:
             settings = self._finer(settings)
         yield LONG
         try:
-            run = None
-            past = self.window()
-            if past is not None:
-                found = yield from short(varied_in_pieces(past, settings, spans, AT_ONCE))
-                if found is not None:
-                    run = Run.after(theta, self._numbers, found, self._past.noise_unit, error)
-            if run is None:
-                simulation = yield from self._past.started(settings, spans)
-                problem = Linearised(theta, self._numbers)
-                run = Run(problem, simulation, self._past.noise_unit, error)
+            simulation = yield from self._past.started(settings, spans)
+            problem = Linearised(theta, self._numbers)
+            run = Run(problem, simulation, self._past.noise_unit, error)
             yield from self._catch_up(run)
             return run
         except SimulationError as err:
