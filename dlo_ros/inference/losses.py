@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -47,50 +47,33 @@ class CorrelatedLoss:
 
     Args:
         converged: gain of the log posterior at which a fit ends.
+        known: variances of each recording, such as those of an observer; None: they are fitted.
     """
 
     converged: float = CONVERGED
-    fits_variances: ClassVar[bool] = True
+    known: tuple[Variances, ...] | None = None
+
+    @property
+    def fits_variances(self) -> bool:
+        """See `Loss`."""
+        return self.known is None
 
     def normal_equations(self, at: Evaluation) -> tuple[FloatArray, FloatArray]:
         """See `Loss`."""
-        pairs = [(1.0 / v.of(s), s) for s, v in zip(at.spectra, at.variances, strict=True)]
+        variances = self.known or at.variances
+        pairs = [(1.0 / v.of(s), s) for s, v in zip(at.spectra, variances, strict=True)]
         hessian = sum(np.einsum("b,bpq->pq", w, s.hessian) for w, s in pairs)
         return np.asarray(hessian), np.asarray(sum(w @ s.gradient for w, s in pairs))
 
     def value(self, at: Evaluation, reference: Evaluation) -> float:
         """See `Loss`."""
-        pairs = zip(at.spectra, reference.spectra, reference.variances, strict=True)
+        variances = self.known or reference.variances
+        pairs = zip(at.spectra, reference.spectra, variances, strict=True)
         return 0.5 * sum(float(s.sum_of_squares @ (1.0 / v.of(r))) for s, r, v in pairs)
 
     def least_gain(self, at: Evaluation) -> float:
         """See `Loss`."""
         return self.converged
-
-
-@dataclass(frozen=True)
-class KnownLoss:
-    """Errors are correlated as known variances say, such as those of an observer.
-
-    Args:
-        variances: of each recording.
-    """
-
-    variances: Sequence[Variances]
-    fits_variances: ClassVar[bool] = False
-
-    def normal_equations(self, at: Evaluation) -> tuple[FloatArray, FloatArray]:
-        """See `Loss`."""
-        return CORRELATED.normal_equations(replace(at, variances=tuple(self.variances)))
-
-    def value(self, at: Evaluation, reference: Evaluation) -> float:
-        """See `Loss`."""
-        known = tuple(self.variances)
-        return CORRELATED.value(at, replace(reference, variances=known))
-
-    def least_gain(self, at: Evaluation) -> float:
-        """See `Loss`."""
-        return CONVERGED
 
 
 @dataclass(frozen=True)

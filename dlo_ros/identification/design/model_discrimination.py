@@ -31,7 +31,7 @@ from dlo_ros.identification.design.plausible_explanations import Explanation
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.joint import Simulated, compared, field
 from dlo_ros.inference.joint_fit import fit
-from dlo_ros.inference.losses import KnownLoss
+from dlo_ros.inference.losses import CorrelatedLoss
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parallel import Threads
 from dlo_ros.inference.parameter import ParametricModel, split_name
@@ -182,7 +182,7 @@ def _evidence_lost(
     parts = here[0].shape[1] // seen.observed.shape[1]
     known = (observer_variances(model.settings, noise, parts),)
     found = compared(Simulated(model, (here,), (begin.err,), (begin.predicted,)), known)
-    found = fit(found, [seen], refits, loss=KnownLoss(known), draft=True)
+    found = fit(found, [seen], refits, loss=CorrelatedLoss(known=known), draft=True)
     (bins,) = found.spectra
     offset, precision = found.model.offset(), found.model.precision()
 
