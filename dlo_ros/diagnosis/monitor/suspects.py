@@ -9,7 +9,6 @@ callback waits.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +23,7 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
     columns,
     joined,
     linear_prior,
+    predicted_gains,
     proposal_of,
     simulated_together,
     with_proposals,
@@ -33,23 +33,13 @@ from dlo_ros.errors import DloError
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces
 from dlo_ros.identification.gradual_simulation import simulated
 from dlo_ros.inference.forecast import Manipulation
-from dlo_ros.inference.joint import (
-    Evaluation,
-    Field,
-    judged,
-    least,
-    linearly_fitted,
-    moved,
-)
+from dlo_ros.inference.joint import Evaluation, judged, least, linearly_fitted
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import joint_model, material_priors
 from dlo_ros.inference.scene import imposed_names, scene
-from dlo_ros.inference.spectrum import spectrum
 from dlo_ros.inference.thresholds import LOWERS, NAMED
-from dlo_ros.inference.variances import fit_variances
 from dlo_ros.parameters import Settings
-from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
@@ -59,8 +49,6 @@ AT_MOST = 4
 """Beginnings of an effect without a useful derivative where it does nothing."""
 SHOWN = 3
 """Suspects that are reported."""
-WEIGHED = 12
-"""Models that are weighed by their evidence, those that leave least."""
 
 
 @dataclass(frozen=True)
@@ -89,45 +77,10 @@ class Suspects:
         return ", ".join(f"{name} ({100.0 * share:.0f} %)" for name, share in self.found)
 
 
-@dataclass(frozen=True)
-class Hypothesis:
-    """A model of the motion, linearised at the estimate.
-
-    Args:
-        effect: name of the effect that the model adds; empty: none.
-        fields: residuals and derivatives.
-        offset, precision: prior means minus the present values, and inverse prior variances, shape
-            (P,) each.
-        step: step of the parameters by least squares, as if errors were white.
-        err: mean distance that this leaves [m].
-    """
-
-    effect: str
-    fields: tuple[Field, ...]
-    offset: FloatArray
-    precision: FloatArray
-    step: FloatArray
-    err: float
-
-    @classmethod
-    def of(
-        cls, effect: str, fields: tuple[Field, ...], offset: FloatArray, precision: FloatArray
-    ) -> Hypothesis:
-        """With its fit."""
-        return cls(effect, fields, offset, precision, *least(fields, offset, precision))
-
-    def evidence(self, settings: Settings) -> float:
-        """Log marginal likelihood, with correlated errors."""
-        n, length = settings.rod.control_points, settings.rod.length
-        spectra = [spectrum(r, j, n) for r, j in moved(self.fields, self.step)]
-        _, found = fit_variances(spectra, self.offset - self.step, self.precision, length)
-        return found.evidence
-
-
 def suspects(past: Manipulation, settings: Settings, spans: int, noise: float) -> Pieces[Suspects]:
     """Effects that the present motion makes suspect.
 
-    A suspect does clearly better than a set-up within its tolerances, alone or beside it.
+    A suspect does clearly better beside a set-up within its tolerances than that alone.
 
     Args:
         past: commands and observations from the start of the simulation on.
@@ -144,20 +97,14 @@ def suspects(past: Manipulation, settings: Settings, spans: int, noise: float) -
     yield LONG
     at = judged((yield from simulated(model, recording, model.names, AT_ONCE)))
     yield LONG
-    plain, joint = _bare(at)
+    plain_err = _plain_err(at)
     fitted = linearly_fitted(at)
-    yield LONG
     shares = _far_off(fitted)
-    if plain.err > material_err(0.0, settings):
-        found = yield from _added(at, recording, view, noise, (plain, joint))
-        known = max(plain.evidence(settings), joint.evidence(settings))
-        for other in sorted(found, key=lambda h: h.err)[:WEIGHED]:
-            yield LONG
-            if other.err < (1.0 - LOWERS) * joint.err and other.evidence(settings) > known + NAMED:
-                share = 1.0 - other.err / plain.err
-                shares[other.effect] = max(shares.get(other.effect, 0.0), share)
+    if plain_err > material_err(0.0, settings):
+        for effect, left in (yield from _explaining(at, fitted, recording, view, noise)):
+            shares[effect] = max(shares.get(effect, 0.0), 1.0 - left / plain_err)
     ranked = sorted(shares.items(), key=lambda item: -item[1])[:SHOWN]
-    return Suspects(plain.err, joint.err, material_err(noise, settings), tuple(ranked))
+    return Suspects(plain_err, fitted.mean_err, material_err(noise, settings), tuple(ranked))
 
 
 def _model(recording: Recording, settings: Settings, view: Scene) -> ParametricModel:
@@ -167,15 +114,11 @@ def _model(recording: Recording, settings: Settings, view: Scene) -> ParametricM
     return ParametricModel(settings, material_priors(settings))
 
 
-def _bare(at: Evaluation) -> tuple[Hypothesis, Hypothesis]:
-    """Hypotheses without an effect: E, mu and damping alone, and with the set-up open."""
-    offset, precision = at.model.offset(), at.model.precision()
+def _plain_err(at: Evaluation) -> float:
+    """Mean distance that E, mu and damping alone leave [m]."""
     own = [k for k, p in enumerate(at.model.parameters) if not p.effect]
-    fields = tuple((r, j[:, own]) for r, j in at.fields)
-    return (
-        Hypothesis.of("", fields, offset[own], precision[own]),
-        Hypothesis.of("", at.fields, offset, precision),
-    )
+    fields = [(r, j[:, own]) for r, j in at.fields]
+    return least(fields, at.model.offset()[own], at.model.precision()[own])[1]
 
 
 def _far_off(at: Evaluation) -> dict[str, float]:
@@ -189,11 +132,17 @@ def _far_off(at: Evaluation) -> dict[str, float]:
     return shares
 
 
-def _added(
-    at: Evaluation, recording: Recording, view: Scene, noise: float, bare: Sequence[Hypothesis]
-) -> Pieces[list[Hypothesis]]:
-    """Every effect beside what there may be without it."""
-    result: list[Hypothesis] = []
+def _explaining(
+    at: Evaluation, fitted: Evaluation, recording: Recording, view: Scene, noise: float
+) -> Pieces[list[tuple[str, float]]]:
+    """Effects that do better than the set-up alone, each with the mean distance it leaves [m].
+
+    Args:
+        at: the joint model at the estimate.
+        fitted: the same at its linearised optimum.
+    """
+    result: list[tuple[str, float]] = []
+    offset, precision = fitted.model.offset(), fitted.model.precision()
     for together in simulated_together(_proposals(at, recording, view, noise)):
         model, names = with_proposals(at.model, together)
         try:
@@ -203,15 +152,16 @@ def _added(
             continue
         for proposal in together:
             yield LONG
-            offset, precision = linear_prior(at.model.settings, proposal)
-            for there in bare:
-                fields = joined(there.fields, extra[id(proposal)])
-                full = Hypothesis.of(
-                    proposal.effect, fields, np.append(there.offset, offset),
-                    np.append(there.precision, precision),
-                )  # fmt: skip
-                if proposal.from_nothing or full.step[-1] > 0.0:
-                    result.append(full)
+            own = linear_prior(at.model.settings, proposal)
+            _, left = least(
+                joined(fitted.fields, extra[id(proposal)]), np.append(offset, own[0]),
+                np.append(precision, own[1]),
+            )  # fmt: skip
+            if left > (1.0 - LOWERS) * fitted.mean_err:
+                continue
+            yield LONG
+            if any(g.gain > NAMED for g in predicted_gains(fitted, [proposal], extra)):
+                result.append((proposal.effect, left))
     return result
 
 
