@@ -197,7 +197,7 @@ def test_recordings_in_the_plane_and_in_space_go_together():
 
 
 def test_a_turning_clamp_has_an_orientation_and_a_speed():
-    recording = measured(swing(PAPER, seconds=1.0), PAPER)
+    recording = measured(swing(PAPER, seconds=1.0, noise=0.0), PAPER)
     shapes = np.concatenate([recording.observed, np.zeros((31, N, 1))], axis=2)
     found = {i.name: i.columns[0] for i in inputs([recording], [shapes], PAPER)}
     assert "the position of the grip" not in found  # it only turns
@@ -205,7 +205,7 @@ def test_a_turning_clamp_has_an_orientation_and_a_speed():
     turning = recording.times < 0.28
     # 60 degrees in 0.3 s, at half the length from the clamp.
     assert np.median(speed[turning]) == pytest.approx(np.pi / 3 / 0.3 * LENGTH / 2, rel=0.05)
-    assert np.abs(speed[recording.times > 0.4]).max() < 1e-9
+    assert np.abs(speed[recording.times > 0.4]).max() < 0.01
     assert "the orientation of the grip to gravity" in found
     pins = command(["control_point_1", "control_point_2"], [0.0, 1.0],
                    [[[0, 0, 0], [0.1, 0, 0]], [[0, 0, 0], [0, 0, -0.1]]])  # fmt: skip

@@ -16,7 +16,7 @@ def relations():
     related = (Relation("the speed of the grip", 0.6, 0.003, True, ("the bending of the DLO",)),
                Relation("the position of the grip", 0.1, 0.4))  # fmt: skip
     pattern = ResidualPattern(0.8, 0.3, 1)
-    return Relations(9.0, 1e-3, 0.3, 0.1, pattern, related, ("the motion of the DLO",))
+    return Relations(1e-3, 0.3, 0.1, pattern, related, ("the motion of the DLO",))
 
 
 def found(frames=12, n=10):

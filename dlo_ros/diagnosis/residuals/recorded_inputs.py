@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.command import CONTROL_POINT, END, NANOSECONDS, START, Motion
-from dlo_ros.inference.forecast import motion_of
+from dlo_ros.command import CONTROL_POINT, END, START
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.thresholds import SMALL_SHARE
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -48,13 +48,8 @@ def inputs(
     length = settings.rod.length
     shapes = [p[:, :, :3] for p in predicted]
     times = [r.times[-len(p) :] for r, p in zip(recordings, shapes, strict=True)]
-    grips = [_grip(r, len(p)) for r, p in zip(recordings, shapes, strict=True)]
-    labels = sorted({label for g in grips for label in g})
-    position, turned, velocity = (
-        [_stacked(g, labels, what, len(t)) for g, t in zip(grips, times, strict=True)]
-        for what in range(3)
-    )
-    velocity = [v * np.tile([1.0] * 3 + [0.5 * length] * 3, len(labels)) for v in velocity]
+    grips = [_grips(*one, settings) for one in zip(recordings, shapes, times, strict=True)]
+    position, turned, velocity = (list(parts) for parts in zip(*grips, strict=True))
     speed = [np.linalg.norm(v, axis=1, keepdims=True) for v in velocity]
     slow = 0.1 * float(np.sqrt(np.mean(np.concatenate(speed) ** 2)))
     heading = [v / np.sqrt(s**2 + slow**2 + 1e-300) for v, s in zip(velocity, speed, strict=True)]
@@ -85,66 +80,41 @@ def _varies(columns: Sequence[FloatArray], unit: float) -> bool:
     return any(bool(np.any(np.std(c, axis=0) > LEAST * unit)) for c in columns)
 
 
-Grip = dict[str, tuple[FloatArray, FloatArray, FloatArray]]
+def _grips(
+    recording: Recording, shapes: FloatArray, times: FloatArray, settings: Settings
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Positions [m], directions and both velocities of held places, as a simulation has them.
+
+    They are zero where nothing is held.
+
+    Args:
+        shapes: predicted control points [m], shape (F, n, 3).
+        times: times of these [s], shape (F,).
+
+    Returns:
+        Shapes (F, 3 n), (F, 6) and (F, 3 n + 6); a turning counts at half the length [m/s].
+    """
+    names = imposed_names([recording.manipulation])
+    view = scene(settings, names, [shapes])
+    n = shapes.shape[1]
+    pins = {f"{CONTROL_POINT}{k + 1}" for k in range(2, n - 2)}.intersection(names)
+    held = [0] * (START in view.held) + [n - 1] * (END in view.held)
+    held += [int(name.removeprefix(CONTROL_POINT)) - 1 for name in pins]
+    positions = np.zeros_like(shapes)
+    positions[:, held] = shapes[:, held]
+    directions = np.zeros((len(shapes), 2, 3))
+    for k, (end, tip, inner) in enumerate(((START, 0, 1), (END, n - 1, n - 2))):
+        if end in view.clamps:
+            along = shapes[:, inner] - shapes[:, tip]
+            directions[:, k] = along / np.linalg.norm(along, axis=1, keepdims=True)
+    places, turns = positions.reshape(len(shapes), -1), directions.reshape(len(shapes), -1)
+    moves = np.concatenate([places, 0.5 * settings.rod.length * turns], axis=1)
+    return places, turns, _velocity(moves, times)
 
 
-def _grip(recording: Recording, frames: int) -> Grip:
-    """Position [m], direction and both velocities of each held place; shape (F, 3), (F, 6)."""
-    motion = motion_of(recording.manipulation)
-    stamps = [o.stamp for o in recording.manipulation.observations[-frames:]]
-    gaps = np.diff(stamps)
-    half = int(np.median(gaps)) // 2 if len(gaps) else NANOSECONDS // 50
-    labels = sorted({label for s in stamps for label in _held(motion, s)})
-    result = {}
-    for label in labels:
-        states = np.zeros((3, frames, 6))
-        for f, stamp in enumerate(stamps):
-            here = _held(motion, stamp).get(label)
-            if here is None:
-                continue
-            before, after = (_held(motion, stamp + k * half).get(label, here) for k in (-1, 1))
-            states[:, f] = before, here, after
-        velocity = (states[2] - states[0]) * NANOSECONDS / max(2 * half, 1)
-        result[label] = states[1, :, :3], states[1, :, 3:], velocity
-    return result
-
-
-def _held(motion: Motion, stamp: int) -> dict[str, FloatArray]:
-    """Position and direction of each held place at a stamp, shape (6,); no direction: zeros."""
-    command = motion.at(stamp)
-    if command is None:
-        return {}
-    n = command.control_points
-    position, rotation = command.sample(stamp)
-    at = dict(zip(command.names, position, strict=True))
-    result = {}
-    for name, p, (x, y, z, w) in zip(command.names, position, rotation, strict=True):
-        direction = np.zeros(3)
-        label, neighbour = name, ""
-        if name in (START, END):  # the rotation's x axis
-            direction = np.array(
-                [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)]
-            )
-        elif name == f"{CONTROL_POINT}1":
-            label, neighbour = START, f"{CONTROL_POINT}2"
-        elif name == f"{CONTROL_POINT}{n}":
-            label, neighbour = END, f"{CONTROL_POINT}{n - 1}"
-        elif (name == f"{CONTROL_POINT}2" and f"{CONTROL_POINT}1" in at) or (
-            name == f"{CONTROL_POINT}{n - 1}" and f"{CONTROL_POINT}{n}" in at
-        ):
-            continue  # it gives the direction of its end
-        if neighbour in at:
-            direction = (at[neighbour] - p) * (1.0 if label == START else -1.0)
-            direction = direction / max(float(np.linalg.norm(direction)), 1e-12)
-        result[label] = np.concatenate([p, direction])
-    return result
-
-
-def _stacked(grip: Grip, labels: Sequence[str], what: int, frames: int) -> FloatArray:
-    """One of a grip's arrays for all labels, zero where a recording does not hold that place."""
-    width = 6 if what == 2 else 3
-    parts = [grip[k][what] if k in grip else np.zeros((frames, width)) for k in labels]
-    return np.concatenate(parts, axis=1)
+def _velocity(values: FloatArray, times: FloatArray) -> FloatArray:
+    """Derivative over time, shape (F, m)."""
+    return np.gradient(values, times, axis=0) if len(times) > 1 else np.zeros_like(values)
 
 
 def _principal(columns: Sequence[FloatArray], most: int) -> list[FloatArray]:
@@ -191,5 +161,5 @@ def _motion(shapes: Sequence[FloatArray], times: Sequence[FloatArray]) -> list[F
     result = []
     for points, t in zip(shapes, times, strict=True):
         flat = points.reshape(len(points), -1) / np.sqrt(points.shape[1])
-        result.append(np.gradient(flat, t, axis=0) if len(t) > 1 else np.zeros_like(flat))
+        result.append(_velocity(flat, t))
     return result

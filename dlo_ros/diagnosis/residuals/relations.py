@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import norm
 
-from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.residuals.recorded_inputs import Input, inputs
 from dlo_ros.diagnosis.residuals.surrogates import chances, without
 from dlo_ros.inference.forecast import whitening
@@ -77,16 +77,14 @@ class Relations:
     """Patterns of the residuals of some recordings, and the inputs that they depend on.
 
     Args:
-        root_autocovariance: root autocovariance of the residuals from frame to frame, in units of
-            the noise, see `residual_autocovariance.root_autocovariance`.
-        size: the same [m], as eq. (10) measures it.
+        size: root autocovariance of the residuals from frame to frame [m], to which noise that is
+            new in every frame does not contribute.
         constant, slow: shares of it that stay within each recording, and that drift there.
         pattern: strongest pattern along the DLO; None where nothing repeats.
         inputs: inputs by falling share, significant ones first.
         unjudged: inputs that vary too slowly to be separated from a drift.
     """
 
-    root_autocovariance: float
     size: float
     constant: float
     slow: float
@@ -120,12 +118,8 @@ def relations(
     ]
     total = sum(_lag_one_sum(f) for f in fields)
     frames = sum(len(f) for f in fields)
-    silent = Relations(
-        residual_autocovariance.root_autocovariance(residuals),
-        unit * float(np.sqrt(max(total, 0.0) / frames)),
-        0.0, 0.0, None, (), (),
-    )  # fmt: skip
-    if total <= 0.0 or silent.root_autocovariance < residual_autocovariance.chance(residuals):
+    silent = Relations(unit * float(np.sqrt(max(total, 0.0) / frames)), 0.0, 0.0, None, (), ())
+    if not _repeats(fields):
         return silent
     times = [r.times[-len(f) :] for r, f in zip(recordings, fields, strict=True)]
     kept = [
@@ -253,6 +247,24 @@ def _lag_one_sum(field: FloatArray) -> float:
     if len(field) < 2:
         return float(np.sum(field**2)) - field.size
     return float(np.sum(field[1:] * field[:-1])) * len(field) / (len(field) - 1)
+
+
+def _repeats(fields: Sequence[FloatArray]) -> bool:
+    """Whether fields (F, K) in units of the noise repeat from frame to frame beyond chance.
+
+    If they do not, each frame may as well have the other sign, and products of neighbours, too. Of
+    a single frame that is noise the squares have the variance of a chi-squared variable.
+    """
+    total, variance = 0.0, 0.0
+    for field in fields:
+        if len(field) > 1:
+            products = np.sum(field[1:] * field[:-1], axis=1)
+            variance += float(products @ products)
+        else:
+            products = field[0] ** 2 - 1.0
+            variance += 2.0 * field.size
+        total += float(products.sum())
+    return total > norm.isf(CHANCE) * np.sqrt(variance)
 
 
 def _slow(times: FloatArray, degree: int) -> FloatArray:
