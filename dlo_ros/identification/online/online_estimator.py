@@ -166,7 +166,9 @@ class OnlineEstimator:
             try:
                 self._run.add(self._past.observations[-1:])
             except SimulationError as err:
-                self._start_over(err)
+                # A command that came late may lead from where it never was; see `_stale`.
+                if not (self._stale or self._worker.busy):
+                    self._start_over(err)
         self._worker.turn(begin, self._due)
         self._publish()
         if math.isinf(self._worker.budget) and self._set_up_is_due():
@@ -361,7 +363,7 @@ class OnlineEstimator:
         low, high = self._guess - np.log(1e4), self._guess + np.log(1e4)
         theta = np.where(np.isfinite(self._guess), np.clip(theta, low, high), self._guess)
         estimate = summarise(self._initial, theta, information)
-        estimate = replace(estimate, delay=self._set_up.delay.found)
+        estimate = replace(estimate, delay=self._set_up.delay)
         change = logarithms(estimate.settings)[:2] - self._passed
         whole = estimate.identifiable["density"]
         scale = float(np.abs(change).max()) * (1.0 if whole else UNKNOWN_WEIGHT)
