@@ -35,7 +35,6 @@ SETTINGS = {
     "recorded_inputs.LEAST",
     "linearised_model.FLAT",
     "residual_noise.STILL",
-    "wrench_identification.CLOSE",
     "wrench_identification.ROUNDING",
     # How much is tried, kept or shown.
     "candidate_trials.CHECKED",
@@ -57,7 +56,7 @@ SETTINGS = {
     "wrench_messages.QUADRATIC",
     # When a live estimate is made, passed on or looked at again.
     "accumulated_information.AUTOCORRELATION_EVERY",
-    "delay_estimate.UNCHANGED",
+    "set_up_errors.UNCHANGED",
     "online_estimator.ASSUMED_ERROR",
     "online_estimator.WINDOW",
     "online_force_scale.GROWTH",

@@ -6,31 +6,38 @@ states it, which is what a running simulation has. As in `identify` that model i
 evidence against one with every number of the set-up open within its tolerance (Hoeting et al.,
 Bayesian model averaging: a tutorial, 1999), here linear about the estimate; the difference between
 both is an error of the estimate.
+
+One of these numbers is the delay between commands and pictures, as where two clocks differ, which a
+running simulation can make up for. A turned clamp and another material fit a delayed motion, too,
+and far from the estimate the open model is not linear: it is linearised again until the delay stays
+what it is.
 """
 
 from __future__ import annotations
 
 import logging
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import expit
 
+from dlo_ros.effects.measurement.command_delay import CommandDelay
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces
 from dlo_ros.identification.estimate import Estimate
 from dlo_ros.identification.gradual_simulation import simulated
 from dlo_ros.identification.online.accumulated_information import fitted_variances
-from dlo_ros.identification.online.delay_estimate import DelayEstimate
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
 from dlo_ros.identification.online.observed_window import ObservedWindow
 from dlo_ros.inference.forecast import Manipulation
-from dlo_ros.inference.measured import measured
+from dlo_ros.inference.measured import Recording, measured
+from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
-from dlo_ros.inference.spectrum import spectrum
+from dlo_ros.inference.spectrum import Spectrum, spectrum
 from dlo_ros.inference.thresholds import SMALL_SHARE
+from dlo_ros.inference.variances import Posterior
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
@@ -40,6 +47,11 @@ LOG = logging.getLogger(__name__)
 BEGINNING = 3  # observations before there is an estimate
 SETTLED = 0.8  # [s] of past before which neither tolerances nor resolution are worth a look
 SET_UP_GROWTH = 1.5  # of the past after which the set-up's tolerances are looked at again
+LINEARISATIONS = 8
+"""Linearisations at a time; the next time goes on from there. 0.1 s takes up to a dozen."""
+UNCHANGED = 0.3
+"""Step of the delay, over its std, from which on it is found: the steps halve, so that what is left
+is less than the std."""
 
 
 class SetUpErrors:
@@ -49,14 +61,19 @@ class SetUpErrors:
         given: the parameter file, which states the set-up.
 
     Attributes:
-        shifts: errors of ln (E, mu, c, t_r), see `_shifts`.
-        delay: delay of what is seen behind the commands.
+        shifts: independent errors of ln (E, mu, c, t_r) with unit variance, each (4,); none where
+            no number of the set-up has a tolerance, and where shapes leave the plane: there the
+            set-up counts as exact.
+        delay: posterior mean and std of the time by which the DLO is seen to move later than
+            commanded [s]; None: not found (yet), stated in the parameter file, or shapes that
+            leave the plane.
     """
 
     def __init__(self, given: Settings) -> None:
         self.shifts: tuple[FloatArray, ...] = ()
-        self.delay = DelayEstimate(given)
+        self.delay: tuple[float, float] | None = None
         self._given = given
+        self._theta: FloatArray | None = None  # where the model was linearised last
         self._examined: tuple[int, float] = (0, math.nan)  # when: observations, ln(E/mu)
 
     def due(self, run: Run | None, past: ObservedWindow, estimate: Estimate) -> bool:
@@ -89,59 +106,102 @@ class SetUpErrors:
         scale = prior.scale(run.at, prior.step(run.at))
         settings, spans = estimate.settings, run.simulation.basis.spans
         try:
-            self.shifts = yield from _shifts(seen, settings, self._given, spans, scale, prior.prior)
-            yield from self.delay.compute(seen, settings, spans)
+            yield from self._compute(seen, settings, spans, scale, prior.prior)
         except SimulationError as err:
             LOG.info("the set-up's tolerances are not looked at: %s", err)
 
+    def _compute(
+        self, past: Manipulation, settings: Settings, spans: int, scale: float, prior: FloatArray
+    ) -> Pieces[None]:
+        """Linearise the open model at the estimate, then where that leads.
 
-def _shifts(
-    past: Manipulation, settings: Settings, given: Settings, spans: int, scale: float,
-    prior: FloatArray,
-) -> Pieces[tuple[FloatArray, ...]]:  # fmt: skip
-    """Independent errors of ln (E, mu, c, t_r) with unit variance, each (4,), piece by piece.
+        Args:
+            past: commands and observations from the start of the simulation on.
+            settings: settings with the estimate.
+            spans: knot spans of the simulation.
+            scale: information per squared metre of a residual number in the estimate [1/m^2].
+            prior: information on ln (E, mu, c, t_r) beside that of the pictures, shape (4, 4).
 
-    None where no number of the set-up has a tolerance, and where shapes leave the plane: there the
-    set-up counts as exact.
+        Raises:
+            SimulationError: the motion cannot be simulated.
+        """
+        recording = replace(measured(past, settings), spans=spans)
+        view = scene(settings, imposed_names([past]), [recording.observed])
+        model = joint_model(settings, self._given, view)
+        if not recording.planar or not any(p.effect for p in model.parameters):
+            self.shifts = ()
+            return
+        here = yield from _linearised(model, recording)
+        self.shifts = yield from _shifts(here, scale, prior)
+        name = CommandDelay.parameter("delay")
+        if name not in model.names:
+            return
+        k, theta, self._theta = model.index(name), self._theta, None
+        for _ in range(LINEARISATIONS):
+            if theta is not None:
+                here = yield from _linearised(model.at(theta), recording)
+            step, variance = here.opened.step, float(here.opened.covariance[k, k])
+            theta, self.delay = here.model.theta() + step, None
+            if abs(step[k]) < UNCHANGED * np.sqrt(variance):
+                # The error of the simulation is no noise that more pictures average out.
+                off = settings.simulation.tolerance * settings.rod.length
+                prior_std = model.parameters[k].std
+                speed = max(float(np.sqrt(np.mean(here.jacobian[:, k] ** 2))), off / prior_std)
+                shift = (1.0 - variance / prior_std**2) * off / speed
+                self.delay = float(theta[k]), float(np.hypot(np.sqrt(variance), shift))
+                break
+        self._theta = theta
+
+
+@dataclass(frozen=True)
+class _Linearised:
+    """The open model, linearised at its values.
 
     Args:
-        past: commands and observations from the start of the simulation on.
-        settings: settings with the estimate.
-        given: the parameter file, whose values the priors lie around.
-        spans: knot spans of the simulation.
-        scale: information per squared metre of a residual number in the estimate [1/m^2].
-        prior: information on ln (E, mu, c, t_r) beside that of the pictures, shape (4, 4).
-
-    Raises:
-        SimulationError: the motion cannot be simulated.
+        model: the model with P parameters.
+        jacobian: derivatives of the residuals [m], shape (F, P, K).
+        bins: residuals and derivatives, bin by bin.
+        opened: posterior of all parameters.
     """
-    recording = replace(measured(past, settings), spans=spans)
-    if not recording.planar:
-        return ()
-    view = scene(settings, imposed_names([past]), [recording.observed])
-    model = joint_model(settings, given, view)
-    own = np.array([not p.effect for p in model.parameters])
-    if own.all():
-        return ()
+
+    model: ParametricModel
+    jacobian: FloatArray
+    bins: Spectrum
+    opened: Posterior
+
+
+def _linearised(model: ParametricModel, recording: Recording) -> Pieces[_Linearised]:
+    """The open model linearised at its values, piece by piece."""
     ((residual, jacobian),) = (yield from simulated(model, recording, model.names)).fields
     yield LONG
-    bins = spectrum(residual, jacobian, settings.rod.control_points)
-    offset, precision, length = model.offset(), model.precision(), settings.rod.length
-    pick = np.flatnonzero(own)
-    _, opened = yield from fitted_variances(bins, offset, precision, length)
-    plain = bins.chosen(pick.tolist())
-    _, exact = yield from fitted_variances(plain, offset[pick], precision[pick], length)
+    bins = spectrum(residual, jacobian, model.settings.rod.control_points)
+    length = model.settings.rod.length
+    _, opened = yield from fitted_variances(bins, model.offset(), model.precision(), length)
+    return _Linearised(model, jacobian, bins, opened)
+
+
+def _shifts(here: _Linearised, scale: float, prior: FloatArray) -> Pieces[tuple[FloatArray, ...]]:
+    """Errors of the estimate, see `SetUpErrors`, piece by piece.
+
+    Args:
+        scale, prior: see `SetUpErrors._compute`.
+    """
+    model, opened, rod = here.model, here.opened, here.model.settings.rod
+    own = np.array([not p.effect for p in model.parameters])
+    pick, set_up = np.flatnonzero(own), np.flatnonzero(~own)
+    plain = here.bins.chosen(pick.tolist())
+    offset, precision = model.offset()[pick], model.precision()[pick]
+    _, exact = yield from fitted_variances(plain, offset, precision, rod.length)
     probability = float(expit(opened.evidence - exact.evidence))
-    set_up = np.flatnonzero(~own)
     off = opened.step[set_up]
     square = opened.covariance[np.ix_(set_up, set_up)] + np.outer(off, off)
     place = [MATERIAL.index(model.names[k]) for k in pick]
-    j = jacobian.transpose(1, 0, 2).reshape(len(own), -1)
+    j = here.jacobian.transpose(1, 0, 2).reshape(len(own), -1)
     lhs = prior[np.ix_(place, place)] + scale * (j[pick] @ j[pick].T)
     moves = np.zeros((len(MATERIAL), len(set_up)))
     moves[place] = scale * np.linalg.solve(lhs, j[pick] @ j[set_up].T)
     covariance = moves @ square @ moves.T
-    if not settings.rod.diameter_std:
+    if not rod.diameter_std:
         young_modulus = MATERIAL.index("young_modulus")
         covariance[young_modulus, young_modulus] += (2.0 * DIAMETER_STD) ** 2
     values, vectors = np.linalg.eigh(probability * covariance)
