@@ -155,11 +155,10 @@ def field(
     Raises:
         SimulationError: something is not finite.
     """
-    unit = replace(recording, noise=np.ones(len(recording.noise)))
-    residual = unit.residual(predicted)
+    residual = recording.residual(predicted)
     jacobian = np.zeros((len(residual), len(scale), residual.shape[1]))
     if moves is not None:
-        jacobian = unit.white(moves) * scale[:, None]
+        jacobian = recording.coefficients(moves) * scale[:, None]
     if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
         raise SimulationError("the simulation gives no finite shapes")
     return residual, jacobian

@@ -24,7 +24,7 @@ over what it does to the difference from the mean of two neighbours."""
 
 @dataclass(frozen=True)
 class Recording:
-    """One recording with what turns a difference of shapes into white numbers.
+    """One recording with what turns a difference of shapes into numbers.
 
     Args:
         manipulation: commands and observations of the recording.
@@ -63,8 +63,8 @@ class Recording:
         """Whether the DLO stays in the board's plane."""
         return len(self.noise) <= 2 * int(self.observed.shape[1])
 
-    def white(self, points: FloatArray) -> FloatArray:
-        """Differences of control points in units of the noise.
+    def coefficients(self, points: FloatArray) -> FloatArray:
+        """Coefficients of differences of control points [m].
 
         Args:
             points: shape (F, ..., n, 3).
@@ -72,18 +72,17 @@ class Recording:
         Returns:
             Shape (F, ..., K).
         """
-        coefficients = np.einsum("fknc,f...nc->f...k", self.across[-len(points) :], points)
-        return np.asarray(coefficients / self.noise)
+        return np.asarray(np.einsum("fknc,f...nc->f...k", self.across[-len(points) :], points))
 
     def residual(self, predicted: FloatArray) -> FloatArray:
-        """Observed minus predicted in units of the noise, shape (F, K).
+        """Coefficients of observed minus predicted shapes [m], shape (F, K).
 
         Args:
             predicted: control points, shape (F, n, 3 or more), of the last F frames.
         """
         frames = len(predicted)
-        result = self.white(self.observed[-frames:] - predicted[..., :3])
-        return result if self.beyond is None else result + self.beyond[-frames:] / self.noise
+        result = self.coefficients(self.observed[-frames:] - predicted[..., :3])
+        return result if self.beyond is None else result + self.beyond[-frames:]
 
     def moved(self, error: FloatArray) -> Recording:
         """The recording with shapes moved by a simulation's error, which a residual then lacks.

@@ -32,9 +32,8 @@ LEAST_SHARE = 0.5
 
 def with_noise(recording: Recording, predicted: FloatArray, settings: Settings) -> Recording:
     """The recording with its noise estimated from the scatter of residuals in time."""
-    unit = replace(recording, noise=np.ones(len(recording.noise)))
-    field = unit.residual(predicted)
-    return replace(recording, noise=noise_of(field, recording, settings))
+    noise = noise_of(recording.residual(predicted), recording, settings)
+    return replace(recording, noise=noise)
 
 
 def scatter(field: FloatArray, recording: Recording, settings: Settings) -> FloatArray:
@@ -94,9 +93,8 @@ def with_bias(
             return tuple(recordings)
         std = float(np.median([np.sqrt(np.mean(p.std**2)) for p in points]))
         count = float(np.median([len(p.std) for p in points]))
-        unit = replace(recording, noise=np.ones(len(recording.noise)))
         n = recording.observed.shape[1]
-        field = unit.residual(shapes)[:, :n]
+        field = recording.residual(shapes)[:, :n]
         # All coefficients together: of one alone a few dozen pictures tell too little.
         found = [float(np.median(gap**2)) / MEDIAN for gap in _gaps(field, recording)]
         each = min(found) if found else float(np.median(scatter(field, recording, settings) ** 2))
