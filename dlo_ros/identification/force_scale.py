@@ -7,7 +7,7 @@ another. Forces measured at the grips determine it without a further simulation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from dlo_ros.identification.identifiability import rounded
 from dlo_ros.inference.thresholds import UNBOUNDED
 from dlo_ros.inference.wrench import (
     WrenchField,
+    WrenchInformation,
     from_change,
     from_mean,
     wrench_field,
@@ -51,6 +52,10 @@ class GripForces:
         stamps: stamps of the shapes [ns], F of them.
         predicted: force and torque of the grip at these, shape (F, 6).
         commands: commands that led the grips.
+        slope: derivative of the predicted by the logarithm of the scale of E, mu and drag, shape
+            (F, 6); None: the predicted itself, as where nothing else bears on the DLO.
+        columns: what else may be wrong with the predicted, in standard deviations, shape (F, 6)
+            each.
     """
 
     name: str
@@ -58,6 +63,8 @@ class GripForces:
     stamps: tuple[int, ...]
     predicted: FloatArray
     commands: tuple[Command, ...]
+    slope: FloatArray | None = None
+    columns: tuple[FloatArray, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -69,11 +76,13 @@ class Scale:
         information: information on that logarithm.
         std: standard deviation of the logarithm with all information; from how forces change alone;
             from their mean alone.
+        left: root mean square residual of forces [N] and torques [N m], for each recording and end.
     """
 
     log: float
     information: float
     std: tuple[float, float, float]
+    left: Mapping[str, tuple[float, float]]
 
     @property
     def relative(self) -> tuple[float | None, float | None, float | None]:
@@ -136,33 +145,36 @@ def scale_in_pieces(
     diameter_std: float = 0.0,
 ) -> Pieces[Scale | None]:
     """The scale as of `scale_of`, in short pieces for callers that must not wait."""
-    log, information = 0.0, 0.0
+    log = 0.0
     fields: list[WrenchField] = []
-    variances: list[FloatArray] = []
+    found: list[WrenchInformation] = []
     prior = np.array([[known + LEAST]])
     for _ in range(ITERATIONS):
         yield LONG
         fields = _fields(borne, settings, float(np.exp(log)), diameter_std)
         if not fields:
             return None
-        information, gradient, variances = 0.0, -float(prior[0, 0]) * log, []
+        found = []
         for one in fields:
             yield LONG
-            found = wrench_information(one, np.array([-log]), prior)
-            information += float(found.information[0, 0])
-            gradient += float(found.gradient[0])
-            variances.append(found.variance)
+            found.append(wrench_information(one, np.array([-log]), prior))
+        information = sum(float(f.information[0, 0]) for f in found)
+        gradient = sum(float(f.gradient[0]) for f in found) - float(prior[0, 0]) * log
         step = gradient / (information + float(prior[0, 0]))
         log += float(np.clip(step, -LONGEST_STEP, LONGEST_STEP))
         if abs(step) < CLOSE:
             break
     parts = [information, 0.0, 0.0]
-    for one, variance in zip(fields, variances, strict=True):
+    left = {}
+    for one, all_of_it in zip(fields, found, strict=True):
         yield LONG
-        parts[1] += float(from_change(one, variance)[0, 0])
-        parts[2] += float(from_mean(one, variance)[0, 0])
+        parts[1] += float(from_change(one, all_of_it.variance)[0, 0])
+        parts[2] += float(from_mean(one, all_of_it.variance)[0, 0])
+        sizes = [all_of_it.left[one.torque == kind] for kind in (False, True)]
+        force, torque = (float(np.sqrt(np.mean(s**2))) if len(s) else 0.0 for s in sizes)
+        left[one.name] = force, torque
     everything, change, mean = ((known + LEAST + max(i, 0.0)) ** -0.5 for i in parts)
-    return Scale(log, information, (everything, change, mean))
+    return Scale(log, information, (everything, change, mean), left)
 
 
 def _fields(
@@ -171,10 +183,11 @@ def _fields(
     """Measured and predicted forces with the derivative by the scale's logarithm."""
     result = []
     for b in borne:
-        predicted = scale * b.predicted
+        slope = b.predicted if b.slope is None else b.slope
+        predicted, slope = b.predicted + (scale - 1.0) * slope, scale * slope
         found = wrench_field(
-            b.name, b.measured, b.stamps, predicted, predicted[:, :, None], settings, b.commands,
-            [2.0 * diameter_std * predicted],
+            b.name, b.measured, b.stamps, predicted, slope[:, :, None], settings, b.commands,
+            [2.0 * diameter_std * slope, *(scale * c for c in b.columns)],
         )  # fmt: skip
         if found is not None:
             result.append(found)
