@@ -21,7 +21,6 @@ from dlo_ros.inference.losses import WHITE_CONVERGED, WhiteLoss
 from dlo_ros.inference.measured import Recording, measured, without_gross
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import IMMATERIAL, MUCH_LARGER
-from dlo_ros.inference.time_steps import longest_time_steps
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
 
@@ -43,9 +42,14 @@ OWN_SHARE = 0.0015
 noise allows: nothing finer is judged."""
 IN_TIME = 0.3
 """Share of that error that time steps may have: they damp, in all pictures alike."""
-SPACE_ROUNDS = 5
+LONGEST, TIME_ROUNDS, TIME_FACTOR = 1e-2, 5, 10.0
+"""Tolerances of time steps that are tried: the largest, by which one step may add 0.3 mm per metre
+of DLO, their number, and the factor between two of them."""
+SPACE_ROUNDS, SPACE_FACTOR = 5, 4.0
+"""Numbers of knot spans that are tried, each twice the one before, and the factor by which the
+error falls at least: cubic splines converge faster."""
 FALLS = 0.7
-"""Error over that with fewer knot spans, below which more of them are worth their time."""
+"""Error over that of a coarser simulation, below which the finer one is worth its time."""
 DRAFT_SPANS = 2
 """Knot spans of a draft's simulation over those of the observed spline."""
 DRAFT_TOLERANCE = 1e-3
@@ -253,12 +257,12 @@ def _near(model: ParametricModel, coarse: Sequence[Recording]) -> Simulated:
 def _finer(recordings: tuple[Recording, ...], at: Simulated) -> tuple[tuple[Recording, ...], float]:
     """The recordings with knot spans and time steps that keep the simulation's error small."""
     result, errors = [], []
-    settings = at.model.settings
+    settings, length = at.model.settings, at.model.settings.rod.length
     fineness = max(FINENESS, OWN_SHARE * _rms(whitened(at, recordings)))
     for recording in recordings:
         n = recording.observed.shape[1]
         noise = float(np.sqrt(np.sum(recording.noise[:n] ** 2)))
-        wanted = max(fineness * noise / settings.rod.length, FINEST)
+        wanted = max(fineness * noise / length, FINEST)
         tolerance = min(settings.simulation.tolerance, wanted)
         own = np.inf
         started = as_started(settings, recording.manipulation)
@@ -267,59 +271,56 @@ def _finer(recordings: tuple[Recording, ...], at: Simulated) -> tuple[tuple[Reco
             found = forecast(recording.manipulation, fine)
             recording, own = replace(recording, spans=found.spans), found.resolution_error
         if own > tolerance:
-            recording, own = _in_space(recording, at.model, tolerance)
-        recording, error = _in_time(recording, at.model, IN_TIME * fineness)
+            # Equilibria of two resolutions may lie on branches which the motion itself passes by.
+            first = n - DEGREE
+            spans = [replace(recording, spans=first * 2**k) for k in range(SPACE_ROUNDS)]
+            recording, error = _coarsest(spans, at.model, tolerance * length, SPACE_FACTOR)
+            own = error / length
+        steps = [replace(recording, tolerance=LONGEST / TIME_FACTOR**k) for k in range(TIME_ROUNDS)]
+        recording, error = _coarsest(steps, at.model, IN_TIME * fineness * noise, TIME_FACTOR)
         result.append(recording)
-        errors.append(np.hypot(own * settings.rod.length, error))
+        errors.append(np.hypot(own * length, error))
     return tuple(result), float(np.nanmax(errors)) if np.isfinite(errors).any() else np.nan
 
 
-def _in_space(
-    recording: Recording, model: ParametricModel, tolerance: float
+def _coarsest(
+    finer: Sequence[Recording], model: ParametricModel, allowed: float, factor: float
 ) -> tuple[Recording, float]:
-    """The recording with knot spans that are fine enough, and the error that is left, over L.
+    """The coarsest of ever finer simulations whose error is allowed, or the best of all; its error.
 
-    The error is that of the motion itself where no equilibrium on its way tells: equilibria of two
-    resolutions may lie on different branches, which a motion passes by.
+    The error is the difference from the next finer one, mean distance [m].
+
+    Args:
+        finer: the recording with ever finer simulations.
+        allowed: error that is allowed [m].
+        factor: factor by which the error falls from one to the next at least, where it falls.
+
+    Raises:
+        SimulationError: none of them can be simulated.
     """
-    unit = replace(recording, noise=np.ones(len(recording.noise)))
-    first = recording.observed.shape[1] - DEGREE
-    coarse: tuple[Recording, FloatArray] | None = None
-    best, least = recording, np.inf
-    for spans in (first * 2**k for k in range(SPACE_ROUNDS)):
-        finer = replace(recording, spans=spans)
+    before: tuple[Recording, FloatArray] | None = None
+    best, least = None, np.inf
+    failure: SimulationError | None = None
+    for recording in finer:
         try:
-            shapes = simulate(model, [finer], ()).predicted[0]
-        except SimulationError:
-            coarse = None
+            shapes = simulate(model, [recording], ()).predicted[0][..., :3]
+        except SimulationError as err:
+            before, failure = None, err
             continue
-        if coarse is not None:
-            apart = unit.white(shapes[..., :3] - coarse[1][..., :3])
-            error = float(np.sqrt(np.mean(np.sum(apart**2, axis=1)))) / model.settings.rod.length
+        best = best or recording
+        if before is not None:
+            apart = recording.coefficients(shapes - before[1])
+            error = float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))
             if error < FALLS * least:
-                best, least = coarse[0], error
-            if least < tolerance:
+                best, least = before[0], error
+            if error >= allowed > error / (factor - 1.0):
+                best, least = recording, error / (factor - 1.0)
+            if least < allowed:
                 break
-        coarse = finer, shapes
+        before = recording, shapes
+    if best is None:
+        raise failure or SimulationError("nothing can be simulated")
     return best, least
-
-
-def _in_time(
-    recording: Recording, model: ParametricModel, fineness: float
-) -> tuple[Recording, float]:
-    """The recording with time steps that are fine enough, and the error that is left [m]."""
-    n = recording.observed.shape[1]
-    noise = float(np.sqrt(np.sum(recording.noise[:n] ** 2)))
-
-    def predicted(tolerance: float) -> FloatArray:
-        here = replace(recording, tolerance=tolerance)
-        return simulate(model, [here], ()).predicted[0][..., :3]
-
-    def apart(a: FloatArray, b: FloatArray) -> float:
-        return float(np.sqrt(np.mean(recording.white(a - b) ** 2)))
-
-    tolerance, error = longest_time_steps(predicted, apart, fineness)
-    return replace(recording, tolerance=tolerance), error * noise
 
 
 def drafts(recordings: Sequence[Recording], at: Simulated) -> tuple[Recording, ...]:
@@ -332,7 +333,7 @@ def drafts(recordings: Sequence[Recording], at: Simulated) -> tuple[Recording, .
     result = []
     for recording, r, fine in zip(recordings, whitened(at, recordings), at.predicted, strict=True):
         coarse = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
-        most = max(IMMATERIAL, DRAFT_SHARE * float(np.sqrt(np.mean(r**2))))
+        most = max(IMMATERIAL, DRAFT_SHARE * _rms([r]))
         tolerance = max(DRAFT_TOLERANCE, recording.tolerance or 0.0)
         finest = recording.spans or coarse * 2**SPACE_ROUNDS
         coarser = [coarse * 2**k for k in range(SPACE_ROUNDS) if coarse * 2**k < finest]
@@ -343,7 +344,7 @@ def drafts(recordings: Sequence[Recording], at: Simulated) -> tuple[Recording, .
             except SimulationError:
                 continue
             apart = draft_at.predicted[0][..., :3] - fine[..., :3]
-            if np.sqrt(np.mean(recording.white(apart) ** 2)) < most:
+            if _rms([recording.coefficients(apart) / recording.noise]) < most:
                 # What it does wrong with this model, it does with others, nearly.
                 draft = draft.moved(apart)
                 break
