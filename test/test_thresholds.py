@@ -34,7 +34,6 @@ SETTINGS = {
     "observation_operator.SMALLEST_MODE",
     "recorded_inputs.LEAST",
     "linearised_model.FLAT",
-    "residual_noise.STILL",
     "wrench_identification.ROUNDING",
     # How much is tried, kept or shown.
     "candidate_trials.CHECKED",

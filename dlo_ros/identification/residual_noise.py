@@ -14,36 +14,6 @@ from dlo_ros.observation import Observation
 from dlo_ros.spline import FloatArray, SplineBasis
 
 DIFFERENCE_ORDERS = (2, 4, 6)  # in time: a smooth residual enters them less and less
-STILL = 1e-3  # mean square of a coordinate over the largest, below which it is not measured
-
-
-def frame_scatter(observations: Sequence[Observation], length: float) -> float | None:
-    """Standard deviation of the observed splines from frame to frame, per coordinate [m].
-
-    Differences in time of growing order, which smooth motion enters less and less; the smallest
-    counts. The root mean square along u, and the median over time: a moment of violent motion does
-    not count. Where a DLO swings fast for the frame rate this is an upper bound.
-
-    None where there are too few frames, or where they are copies of one another.
-    """
-    if len(observations) < FEWEST:
-        return None
-    n = len(observations[0].control_points)
-    white = whitening(n, length)
-    shapes = np.array([white @ o.control_points[:, :3] for o in observations])
-    stamps = np.array([o.stamp - observations[0].stamp for o in observations]) * 1e-9
-    found = []
-    for order in DIFFERENCE_ORDERS:
-        gap = divided_differences(shapes, stamps, order)
-        squares = np.sum(gap**2, axis=1)  # (F - order, 3): mean square along u
-        seen = squares.mean(axis=0)
-        # A planar recording has two noisy coordinates.
-        active = seen > STILL * seen.max()
-        if not active.any():
-            return None
-        found.append(float(np.median(squares[:, active].mean(axis=1))))
-    typical = min(found)
-    return float(np.sqrt(typical)) if typical > 1e-18 else None
 
 
 def divided_differences(values: FloatArray, times: FloatArray, order: int) -> FloatArray:
@@ -77,9 +47,20 @@ def point_noise(observations: Sequence[Observation], basis: SplineBasis) -> floa
 def noise_floor(observations: Sequence[Observation], basis: SplineBasis) -> float | None:
     """ERR of a perfect model [m]; None where the recording does not determine it.
 
-    The mean length of a two-dimensional normal vector is sqrt(pi / 2) times its deviation.
+    Differences in time of growing order tell it, which smooth motion enters less and less; the
+    smallest counts. They are the root mean square along u, and the median over time: a moment of
+    violent motion does not count. Where a DLO swings fast for the frame rate this is an upper
+    bound. Of too few frames, or copies of one another, the points' stated std tells it.
+
+    The mean length of a two-dimensional normal vector is sqrt(pi) / 2 times its root mean square.
     """
-    sigma = frame_scatter(observations, basis.length)
-    if sigma is None:
-        sigma = point_noise(observations, basis)
-    return None if sigma is None else float(np.sqrt(np.pi / 2.0) * sigma)
+    if len(observations) >= FEWEST:
+        white = whitening(basis.control_points, basis.length)
+        shapes = np.array([white @ o.control_points[:, :3] for o in observations])
+        stamps = np.array([o.stamp - observations[0].stamp for o in observations]) * 1e-9
+        gaps = [divided_differences(shapes, stamps, order) for order in DIFFERENCE_ORDERS]
+        square = min(float(np.median(np.sum(gap**2, axis=(1, 2)))) for gap in gaps)
+        if square > 1e-18:
+            return float(np.sqrt(0.25 * np.pi * square))
+    sigma = point_noise(observations, basis)
+    return None if sigma is None else float(np.sqrt(0.5 * np.pi) * sigma)
