@@ -11,6 +11,7 @@ best of all inputs is compared with the best of all in each surrogate.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -264,7 +265,7 @@ def _repeats(fields: Sequence[FloatArray]) -> bool:
             products = field[0] ** 2 - 1.0
             variance += 2.0 * field.size
         total += float(products.sum())
-    return total > norm.isf(CHANCE) * np.sqrt(variance)
+    return total > float(norm.isf(CHANCE)) * math.sqrt(variance)
 
 
 def _slow(times: FloatArray, degree: int) -> FloatArray:
