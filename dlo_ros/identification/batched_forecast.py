@@ -7,12 +7,12 @@ than one (`dlo_ros.rod.protocol.RodBatch`). Elsewhere the forecasts are made one
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from dlo_ros.errors import InputError, SimulationError
-from dlo_ros.identification.cooperative_tasks import exhausted
+from dlo_ros.identification.cooperative_tasks import SHORT, Pieces, exhausted
 from dlo_ros.inference.forecast import (
     Forecast,
     Manipulation,
@@ -49,7 +49,7 @@ def forecast_in_pieces(
     spans: int | None = None,
     last_stamp: int | None = None,
     frames: int | None = None,
-) -> Generator[None, None, list[Forecast | None]]:
+) -> Pieces[list[Forecast | None]]:
     """Forecasts as of `forecast_each`, in short pieces for callers that must not wait.
 
     Args:
@@ -60,7 +60,7 @@ def forecast_in_pieces(
         return together
     result: list[Forecast | None] = []
     for one in settings:
-        yield
+        yield SHORT
         try:
             result.append(forecast(manipulation, one, spans=spans, last_stamp=last_stamp))
         except SimulationError:
@@ -74,7 +74,7 @@ def _together(
     spans: int | None,
     last_stamp: int | None,
     frames: int | None,
-) -> Generator[None, None, list[Forecast | None] | None]:
+) -> Pieces[list[Forecast | None] | None]:
     """Forecasts from one run of all sets; None where that cannot be done."""
     observations = seen_until(manipulation, last_stamp)
     sets = [as_started(one, manipulation) for one in sets]
@@ -93,19 +93,19 @@ def _together(
     later = [s for s in stamps if s > first.stamp]
     pieces: list[FloatArray] = [] if len(later) == len(stamps) else [batch.shapes[:, None]]
     if later:
-        yield
+        yield SHORT
         size = frames or len(later)
         try:
             for k in range(0, len(later), size):
                 pieces.append(batch.advance_through(later[k : k + size]))
-                yield
+                yield SHORT
         except InputError:
             return None
     shapes = np.concatenate(pieces, axis=1)
     error = first.resolution.error if first.resolution else np.nan
     result: list[Forecast | None] = []
     for k in range(len(sets)):
-        yield
+        yield SHORT
         if k in batch.failures:
             result.append(None)
             continue

@@ -8,20 +8,9 @@ from collections.abc import Callable, Generator
 from typing import TypeVar
 
 Result = TypeVar("Result")
-Pieces = Generator[bool, None, Result]
-"""Work that can be left and taken up again; it yields whether the next piece is a long one."""
-SHORT, LONG = False, True
-
-
-def short(pieces: Generator[None, None, Result]) -> Pieces[Result]:
-    """Work whose pieces are all short."""
-    while True:
-        try:
-            next(pieces)
-        except StopIteration as done:
-            result: Result = done.value
-            return result
-        yield SHORT
+SHORT, LONG = None, True
+Pieces = Generator[bool | None, None, Result]
+"""Work that can be left and taken up again; it yields `LONG` where the next piece is a long one."""
 
 
 def exhausted(pieces: Generator[object, None, Result]) -> Result:

@@ -8,11 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.identification.cooperative_tasks import SHORT, Pieces
-from dlo_ros.inference.forecast import motion_of
+from dlo_ros.inference.forecast import motion_of, predictions_at
 from dlo_ros.inference.joint import Simulated, as_fine, field
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.rod.model_registry import simulation_of
+from dlo_ros.rod.prediction import Prediction
 
 
 def simulated(
@@ -30,16 +31,14 @@ def simulated(
     """
     past, settings = recording.manipulation, as_fine(model.settings, recording)
     simulation = simulation_of(settings, motion_of(past), parameters=names, spans=recording.spans)
-    for _ in simulation.starting(past.observations[:2], past.observations[-1].stamp):
-        yield SHORT
+    yield from simulation.starting(past.observations[:2], past.observations[-1].stamp)
     stamps = [o.stamp for o in past.observations]
     if settings.simulation.start == "moving":
         stamps = stamps[1:]
-    predictions = [simulation.prediction()] if stamps[0] == simulation.stamp else []
-    later = stamps[len(predictions) :]
-    for k in range(0, len(later), at_once):
+    predictions: list[Prediction] = []
+    for k in range(0, len(stamps), at_once):
         yield SHORT
-        predictions += simulation.advance_through(later[k : k + at_once])
+        predictions += predictions_at(simulation, stamps[k : k + at_once])
     shapes = np.array([p.control_points for p in predictions])
     chain = dict(zip(model.names, model.chain(), strict=True))
     moves = [p.sensitivity for p in predictions if p.sensitivity is not None]

@@ -18,7 +18,8 @@ from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.loads.grip_reactions import Loading
 from dlo_ros.rod.model_registry import simulation_of
-from dlo_ros.rod.protocol import instability
+from dlo_ros.rod.prediction import Prediction
+from dlo_ros.rod.protocol import RodSimulation, instability
 from dlo_ros.spline import FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
@@ -143,9 +144,7 @@ def _forecast(
         pass
     if settings.simulation.start == "moving":
         observations = observations[1:]
-    first = [simulation.prediction()] if observations[0].stamp == simulation.stamp else []
-    later = simulation.advance_through([o.stamp for o in observations[len(first) :]])
-    predictions = first + later
+    predictions = predictions_at(simulation, [o.stamp for o in observations])
     changes = [p.sensitivity for p in predictions if p.sensitivity is not None]
     judged = simulation.resolution
     found = compared(
@@ -159,6 +158,16 @@ def _forecast(
         unit=unit_of(manipulation),
     )
     return replace(found, loadings=tuple(p.loading for p in predictions if p.loading is not None))
+
+
+def predictions_at(simulation: RodSimulation, stamps: Sequence[int]) -> list[Prediction]:
+    """Predictions of a started simulation, which is advanced, at growing stamps [ns].
+
+    Raises:
+        SimulationError: the motion cannot be followed; the simulation stays as it was.
+    """
+    first = [simulation.prediction()] if stamps and stamps[0] == simulation.stamp else []
+    return first + simulation.advance_through(stamps[len(first) :])
 
 
 def warn_of_instability(found: Forecast, name: str) -> None:

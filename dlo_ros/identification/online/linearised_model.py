@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dlo_ros.inference.forecast import Forecast, compared
+from dlo_ros.inference.forecast import Forecast, compared, predictions_at
 from dlo_ros.inference.observation_operator import directions
 from dlo_ros.inference.spectrum import Spectrum, spectrum
 from dlo_ros.observation import Observation
@@ -193,10 +193,7 @@ class Run:
         Raises:
             SimulationError: the motion cannot be followed; none of them is taken in then.
         """
-        now = self.simulation.stamp
-        first = [self.simulation.prediction()] if observations[0].stamp == now else []
-        later = [o.stamp for o in observations[len(first) :]]
-        predictions = first + (self.simulation.advance_through(later) if later else [])
+        predictions = predictions_at(self.simulation, [o.stamp for o in observations])
         found = compared(
             observations,
             np.array([p.control_points for p in predictions]),

@@ -6,7 +6,7 @@ from __future__ import annotations
 from bisect import bisect_right
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
-from dlo_ros.identification.cooperative_tasks import SHORT, Pieces
+from dlo_ros.identification.cooperative_tasks import Pieces
 from dlo_ros.inference.forecast import Window
 from dlo_ros.inference.observation_operator import noise_unit
 from dlo_ros.observation import Observation
@@ -102,6 +102,5 @@ class ObservedWindow:
         simulation = simulation_of(
             settings, self.motion, parameters=names, spans=spans, loads=loads
         )
-        for _ in simulation.starting(self.observations[:2], self.observations[-1].stamp):
-            yield SHORT
+        yield from simulation.starting(self.observations[:2], self.observations[-1].stamp)
         return simulation

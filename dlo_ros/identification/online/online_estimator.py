@@ -287,8 +287,7 @@ class OnlineEstimator:
         judge, seen = simulation_of(settings, self._motion), self._past.observations
         spans, error = run.simulation.basis.spans, ASSUMED_ERROR
         try:
-            for _ in judge.judging(seen[:2], seen[-1].stamp):
-                yield SHORT
+            yield from judge.judging(seen[:2], seen[-1].stamp)
             if judge.resolution is not None:
                 spans, error = judge.resolution.spans, judge.resolution.error
         except SimulationError as err:

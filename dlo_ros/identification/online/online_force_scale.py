@@ -14,6 +14,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces
 from dlo_ros.identification.force_scale import borne_along, scale_in_pieces
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
+from dlo_ros.inference.forecast import predictions_at
 from dlo_ros.inference.thresholds import FEWEST, SMALL_SHARE
 from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
@@ -78,11 +79,9 @@ class Forces:
             simulation = yield from begin()
             stamps = [o.stamp for o in past if o.stamp >= simulation.stamp]
             loadings: list[Loading | None] = []
-            if stamps and stamps[0] == simulation.stamp:
-                loadings.append(simulation.prediction().loading)
-            for stamp in stamps[len(loadings) :]:
+            for stamp in stamps:
                 yield SHORT
-                loadings += [p.loading for p in simulation.advance_through([stamp])]
+                loadings += [p.loading for p in predictions_at(simulation, [stamp])]
         except SimulationError as err:
             LOG.warning("measured forces are not used for now: %s", err)
             return

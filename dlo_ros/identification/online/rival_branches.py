@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.identification.batched_forecast import forecast_in_pieces
-from dlo_ros.identification.cooperative_tasks import Pieces, short
+from dlo_ros.identification.cooperative_tasks import Pieces
 from dlo_ros.identification.estimate import logarithms, with_logarithms
 from dlo_ros.identification.online.linearised_model import Run
 from dlo_ros.inference.forecast import Manipulation
@@ -33,7 +33,7 @@ def best_rival(past: Manipulation, run: Run, initial: Settings) -> Pieces[FloatA
         theta[0] = guess[0] - guess[1] + theta[1] + np.log(factor)
         thetas.append(theta)
     sets = [with_logarithms(initial, theta) for theta in thetas]
-    forecasts = yield from short(forecast_in_pieces(past, sets, spans, frames=AT_ONCE))
+    forecasts = yield from forecast_in_pieces(past, sets, spans, frames=AT_ONCE)
     best, least = None, run.sum_of_squares_until(past.observations[-1].stamp)
     for theta, rival in zip(thetas, forecasts, strict=True):
         sum_of_squares = np.inf if rival is None else float(np.sum(rival.residual**2))
