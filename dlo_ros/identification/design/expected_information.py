@@ -27,7 +27,7 @@ from dlo_ros.identification.estimate import (
 )
 from dlo_ros.identification.force_scale import grip_wrenches
 from dlo_ros.identification.information import STRETCH_STIFFNESS, strain
-from dlo_ros.inference.forecast import Forecast, Manipulation, forecast, whitening
+from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.joint import field
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.inference.observation_operator import ALONG_STD
@@ -168,11 +168,6 @@ def observer_variances(settings: Settings, noise: Noise, parts: int) -> Variance
     return Variances(white, none, sliding, common, none, 0.0, none)
 
 
-def _material(model: ParametricModel) -> list[int]:
-    """Places in `MATERIAL` of a model's parameters that are no effect's."""
-    return [MATERIAL.index(p.name) for p in model.parameters if not p.effect]
-
-
 def outlook(
     plan: Plan,
     settings: Settings,
@@ -202,27 +197,23 @@ def outlook(
     view = scene(settings, imposed_names([recording]), [shapes[:, :, :3]])
     forces = _force_information(plan, settings, spans)
 
-    def informed_by(factor: float) -> tuple[ParametricModel, Forecast, FloatArray] | None:
+    def informed_by(factor: float) -> tuple[Forecast, FloatArray] | None:
         theta = logarithms(settings)
         theta[0] += math.log(factor)
         here = with_logarithms(settings, theta)
         model = joint_model(here, here, view)
         try:
             found = forecast(recording, model.settings, parameters=model.names, spans=spans)
-            return model, found, information(recording, model, found, noise) + forces
+            return found, information(recording, model, found, noise) + forces
         except SimulationError:
             return None
 
     each = Threads().map(informed_by, list(hypotheses))
-    gains = [0.0 if found is None else _gain(before, found[2]) for found in each]
+    gains = [0.0 if found is None else _gain(before, found[1]) for found in each]
     nominal = each[list(hypotheses).index(1.0)]
     if nominal is None:
         raise SimulationError(f"{plan.name}: the manipulation cannot be simulated")
-    model, found, expected_data = nominal
-    assert found.derivative is not None
-    derivative = np.zeros((len(found.stamps), len(MATERIAL), *found.residual.shape[1:]))
-    derivative[:, _material(model)] = found.derivative[:, : len(_material(model))]
-    found = replace(found, derivative=derivative)
+    found, expected_data = nominal
     covariance = np.linalg.inv(before + expected_data)
     std = {k: math.sqrt(max(float(c @ covariance @ c), 0.0)) for k, c in COMBINATIONS.items()}
     # Rod theories differ by that much (see `information`), and shapes show E D^2 / mu.
@@ -268,11 +259,14 @@ def displacement(found: Forecast, settings: Settings) -> FloatArray:
     """Displacement of the DLO for a unit change of ln(E/mu), shape (F, U) [m].
 
     The U (`POINTS`) points are spread evenly along it.
+
+    Args:
+        found: forecast with sensitivities, to young_modulus first.
     """
-    assert found.derivative is not None
+    assert found.sensitivity is not None
     n, length = settings.rod.control_points, settings.rod.length
-    change = np.linalg.solve(whitening(n, length), found.derivative[:, 0])
-    curve = SplineBasis(n, length).matrix(np.linspace(0.0, length, POINTS)) @ change
+    curve = SplineBasis(n, length).matrix(np.linspace(0.0, length, POINTS))
+    curve = curve @ found.sensitivity[:, 0]
     return np.asarray(np.linalg.norm(curve, axis=2))
 
 
