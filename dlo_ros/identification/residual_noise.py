@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from dlo_ros.inference.forecast import whitening
+from dlo_ros.inference.smooth_modes import whitening
 from dlo_ros.inference.thresholds import FEWEST
 from dlo_ros.observation import Observation
 from dlo_ros.spline import FloatArray, SplineBasis

@@ -6,7 +6,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from dlo_ros.command import Command, Motion
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.inference.err import shape_errors
 from dlo_ros.inference.observation_operator import noise_unit, operator_of
+from dlo_ros.inference.smooth_modes import whitening
 from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.loads.grip_reactions import Loading
@@ -92,13 +92,6 @@ class Forecast:
     stable: bool = True
     loadings: tuple[Loading, ...] = ()
     sensitivity: FloatArray | None = None
-
-
-@lru_cache(maxsize=32)
-def whitening(control_points: int, length: float) -> FloatArray:
-    """Symmetric square root of the Gram matrix over L, shape (n, n)."""
-    values, vectors = np.linalg.eigh(SplineBasis(control_points, length).gram / length)
-    return np.asarray(vectors * np.sqrt(values) @ vectors.T)
 
 
 def forecast(

@@ -10,8 +10,9 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from dlo_ros.errors import InputError
-from dlo_ros.inference.forecast import Manipulation, unit_of, whitening
+from dlo_ros.inference.forecast import Manipulation, unit_of
 from dlo_ros.inference.observation_operator import directions, noise_unit, operator_of
+from dlo_ros.inference.smooth_modes import whitening
 from dlo_ros.inference.thresholds import FEWEST, MOST_GROSS, OUTLIER
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings

@@ -14,8 +14,7 @@ likewise (`SplineBasis.projection`), and the points are moved by what it loses. 
 n would count as an error of the model.
 
 Along the DLO the error of u is added, a smooth function of u with the stated standard deviation
-(squared exponential covariance; Rasmussen and Williams, Gaussian processes for machine learning,
-2006, eq. (4.9)). It is marginalised: the numbers along the DLO are whitened by its covariance and
+(`smooth_modes`). It is marginalised: the numbers along the DLO are whitened by its covariance and
 that of the noise, so that a u that is stretched towards a free end counts for what it is worth.
 
 In units of the least standard deviation that these numbers can have, evenly spread points of equal
@@ -31,14 +30,12 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from dlo_ros.inference.smooth_modes import smooth_functions
 from dlo_ros.inference.thresholds import LARGEST_GAP
 from dlo_ros.observation import Observation
 from dlo_ros.spline import DEGREE, ORDER, FloatArray, SplineBasis
 from dlo_ros.spline_table import BasisTable
 
-REACH = 0.2
-"""Correlation length over L of errors along the DLO: what a camera's calibration and the place of a
-free end do to u."""
 ALONG_STD = 0.001
 """Standard deviation of u over L where none is stated, that is with both ends held."""
 LEAST_SHARE = 0.5
@@ -53,10 +50,6 @@ POINTS_EACH = 2
 """Points for each of its control points at least."""
 RIDGE = 0.01
 """Weight of the published spline against that of a point, in the finer one."""
-GRID = 81
-"""Places along the DLO between which the modes of the error of u are interpolated."""
-SMALLEST_MODE = 1e-4
-"""Variance of a mode over the largest one's, below which it is left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +148,6 @@ def _operator(observation: Observation, basis: SplineBasis) -> Operator | None:
         return None
     u, place, std = points.u[usable], points.positions[usable], points.std[usable]
     std = np.maximum(std, LEAST_SHARE * np.sqrt(np.mean(std**2)))
-    x = u / basis.length
     if points.std_along is None:
         along = np.full(len(u), ALONG_STD * basis.length)
     else:
@@ -179,7 +171,7 @@ def _operator(observation: Observation, basis: SplineBasis) -> Operator | None:
     for p, c in zip(*np.nonzero(frame.any(axis=0)), strict=True):
         rows[p, :, :, c] = (project * frame[:, p, c]) @ b
     offset = (project @ np.sum(frame * place[:, None], axis=2)).T
-    slides = project @ (along[:, None] * _modes(x))
+    slides = project @ (along[:, None] * (b @ smooth_functions(n)))
     values, vectors = np.linalg.eigh(np.eye(n) + slides @ slides.T)
     whiten = (vectors / np.sqrt(values)) @ vectors.T
     rows[1] = (whiten @ rows[1].reshape(n, -1)).reshape(n, n, 3)
@@ -217,21 +209,3 @@ def _lost(basis: SplineBasis, finer: SplineBasis) -> FloatArray:
 
 def _unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12))
-
-
-def _modes(x: FloatArray) -> FloatArray:
-    """Smooth functions at x = u / L whose products sum to their covariance, shape (m, R)."""
-    table = _mode_table()
-    at = np.clip(x, 0.0, 1.0) * (GRID - 1)
-    low = np.minimum(at.astype(np.int64), GRID - 2)
-    share = (at - low)[:, None]
-    return np.asarray((1.0 - share) * table[low] + share * table[low + 1])
-
-
-@lru_cache(maxsize=1)
-def _mode_table() -> FloatArray:
-    """Principal functions of the squared exponential covariance on the grid, (GRID, R)."""
-    x = np.linspace(0.0, 1.0, GRID)
-    values, vectors = np.linalg.eigh(np.exp(-0.5 * (np.subtract.outer(x, x) / REACH) ** 2))
-    kept = values > SMALLEST_MODE * values[-1]
-    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))

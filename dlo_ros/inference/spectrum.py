@@ -17,11 +17,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.fft import dct
 
-from dlo_ros.inference.forecast import whitening
-from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.inference.smooth_modes import modes, whitening
+from dlo_ros.spline import FloatArray
 
-REACH = 0.2
-"""Correlation length of errors along the DLO, over L: calibration and shading vary no faster."""
 GROWTH = 1.6
 """Ratio of neighbouring frequency bins' borders."""
 MODE_GROUPS = (0, 1, 2, 3, 5, 8)
@@ -81,23 +79,6 @@ def joined(spectra: Sequence[Spectrum]) -> Spectrum:
         for f in fields(Spectrum) if f.name != "frames"
     }  # fmt: skip
     return Spectrum(frames=sum(s.frames for s in spectra), **arrays)
-
-
-@lru_cache(maxsize=32)
-def modes(control_points: int) -> tuple[FloatArray, FloatArray]:
-    """Principal modes of a smooth function along the DLO, smoothest first.
-
-    Returns:
-        Modes as columns over whitened coefficients, shape (n, n), and their shares of the mean
-        square, shape (n,), which sum to 1.
-    """
-    basis = SplineBasis(control_points, 1.0)
-    u, weight = basis.quadrature()
-    project = np.linalg.inv(whitening(control_points, 1.0)) @ (basis.matrix(u) * weight[:, None]).T
-    apart = np.subtract.outer(u, u) / REACH
-    values, vectors = np.linalg.eigh(project @ np.exp(-0.5 * apart**2) @ project.T)
-    shares = np.maximum(values[::-1], 0.0)
-    return vectors[:, ::-1], shares / shares.sum()
 
 
 @lru_cache(maxsize=32)

@@ -24,7 +24,7 @@ from dlo_ros.diagnosis.findings.joint_learning import (
 from dlo_ros.diagnosis.findings.joint_outcome import _completed, _unseeing, _verdict
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.offline.initial_fit import begin
-from dlo_ros.inference.forecast import whitening
+from dlo_ros.inference.smooth_modes import whitening
 from dlo_ros.inference.spectrum import modes, spectrum
 from dlo_ros.inference.variances import fit_variances
 from dlo_ros.spline import SplineBasis

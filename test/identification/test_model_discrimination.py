@@ -22,11 +22,12 @@ from dlo_ros.identification.design.model_discrimination import (
     hardest,
 )
 from dlo_ros.identification.design.plausible_explanations import Explanation, plausible_explanation
-from dlo_ros.inference.forecast import forecast, whitening
+from dlo_ros.inference.forecast import forecast
 from dlo_ros.inference.joint import evaluate
 from dlo_ros.inference.joint_fit import settled
 from dlo_ros.inference.measured import measured
 from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.inference.smooth_modes import whitening
 from dlo_ros.parameters import DampingParameters
 from dlo_ros.synthesis.experiment import read_experiment
 

@@ -11,7 +11,8 @@ from scipy.signal import lfilter
 
 from dlo_ros.inference import variances as core
 from dlo_ros.inference.parameter import Parameter, ParametricModel
-from dlo_ros.inference.spectrum import bands, joined, modes, nodal_shares, spectrum
+from dlo_ros.inference.smooth_modes import modes
+from dlo_ros.inference.spectrum import bands, joined, nodal_shares, spectrum
 from dlo_ros.inference.variances import Variances, fit_variances, guess, posterior
 from dlo_ros.parameters import RodParameters, Settings
 

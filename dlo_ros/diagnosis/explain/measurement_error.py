@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.command import END
-from dlo_ros.inference.forecast import whitening
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.measured import Recording, spline_space
 from dlo_ros.inference.scene import free_ends
+from dlo_ros.inference.smooth_modes import whitening
 from dlo_ros.inference.spectrum import Spectrum
 from dlo_ros.inference.thresholds import APART, FEWEST_FRAMES, OWN, STAYING_SHARE, TRACKER_ERROR
 from dlo_ros.inference.variances import REPEATED_STD, Variances

@@ -10,9 +10,9 @@ import numpy as np
 from dlo_ros.diagnosis.findings.diagnosis_outcome import RecordingView
 from dlo_ros.diagnosis.residuals.missing_force import missing_force
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.forecast import whitening
 from dlo_ros.inference.joint import Simulated, simulate
 from dlo_ros.inference.measured import Recording, spline_space
+from dlo_ros.inference.smooth_modes import whitening
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 

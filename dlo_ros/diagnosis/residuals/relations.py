@@ -20,8 +20,8 @@ from scipy.stats import norm
 
 from dlo_ros.diagnosis.residuals.recorded_inputs import Input, inputs
 from dlo_ros.diagnosis.residuals.surrogates import chances, without
-from dlo_ros.inference.forecast import whitening
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.smooth_modes import whitening
 from dlo_ros.inference.thresholds import CHANCE, CLEARLY_LESS, FEWEST, SMALL_SHARE
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
