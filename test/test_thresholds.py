@@ -31,7 +31,6 @@ SETTINGS = {
     "linearised_model.SHORTEST_STEP",
     "observation_operator.FACING",
     "observation_operator.NEGLECTED",
-    "observation_operator.SMALLEST_MODE",
     "recorded_inputs.LEAST",
     "linearised_model.FLAT",
     "wrench_identification.ROUNDING",

@@ -293,7 +293,7 @@ def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Record
     return replace(compared(replace(found, fields=fields), at.variances), derived=False)
 
 
-def linearly_fitted(at: Evaluation) -> Evaluation:
+def linearly_fitted(at: Simulated) -> Evaluation:
     """The fit of a model as if it were linear and errors white; nothing is simulated."""
     step, _ = least(at.fields, at.model.offset(), at.model.precision())
     model = at.model.at(at.model.theta() + step)

@@ -9,6 +9,7 @@ callback waits.
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,7 +34,7 @@ from dlo_ros.errors import DloError
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces
 from dlo_ros.identification.gradual_simulation import simulated
 from dlo_ros.inference.forecast import Manipulation
-from dlo_ros.inference.joint import Evaluation, judged, least, linearly_fitted
+from dlo_ros.inference.joint import Evaluation, Simulated, least, linearly_fitted
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import joint_model, material_priors
@@ -80,7 +81,7 @@ class Suspects:
 def suspects(past: Manipulation, settings: Settings, spans: int, noise: float) -> Pieces[Suspects]:
     """Effects that the present motion makes suspect.
 
-    A suspect does clearly better beside a set-up within its tolerances than that alone.
+    A suspect does clearly better than a set-up within its tolerances, alone or beside it.
 
     Args:
         past: commands and observations from the start of the simulation on.
@@ -95,16 +96,18 @@ def suspects(past: Manipulation, settings: Settings, spans: int, noise: float) -
     view = scene(settings, imposed_names([past]), [recording.observed])
     model = _model(recording, settings, view)
     yield LONG
-    at = judged((yield from simulated(model, recording, model.names, AT_ONCE)))
+    at = yield from simulated(model, recording, model.names, AT_ONCE)
     yield LONG
-    plain_err = _plain_err(at)
-    fitted = linearly_fitted(at)
-    shares = _far_off(fitted)
-    if plain_err > material_err(0.0, settings):
-        for effect, left in (yield from _explaining(at, fitted, recording, view, noise)):
-            shares[effect] = max(shares.get(effect, 0.0), 1.0 - left / plain_err)
+    plain, joint = _bare(at)
+    yield LONG
+    shares = _far_off(joint)
+    if plain.mean_err > material_err(0.0, settings):
+        found = yield from _explaining(at, (plain, joint), recording, view, noise)
+        for effect, left in found:
+            shares[effect] = max(shares.get(effect, 0.0), 1.0 - left / plain.mean_err)
     ranked = sorted(shares.items(), key=lambda item: -item[1])[:SHOWN]
-    return Suspects(plain_err, fitted.mean_err, material_err(noise, settings), tuple(ranked))
+    material = material_err(noise, settings)
+    return Suspects(plain.mean_err, joint.mean_err, material, tuple(ranked))
 
 
 def _model(recording: Recording, settings: Settings, view: Scene) -> ParametricModel:
@@ -114,11 +117,12 @@ def _model(recording: Recording, settings: Settings, view: Scene) -> ParametricM
     return ParametricModel(settings, material_priors(settings))
 
 
-def _plain_err(at: Evaluation) -> float:
-    """Mean distance that E, mu and damping alone leave [m]."""
+def _bare(at: Simulated) -> tuple[Evaluation, Evaluation]:
+    """Linear fits without an effect: of E, mu and damping alone, and with the set-up open."""
     own = [k for k, p in enumerate(at.model.parameters) if not p.effect]
-    fields = [(r, j[:, own]) for r, j in at.fields]
-    return least(fields, at.model.offset()[own], at.model.precision()[own])[1]
+    material = replace(at.model, parameters=tuple(at.model.parameters[k] for k in own))
+    fields = tuple((r, j[:, own]) for r, j in at.fields)
+    return linearly_fitted(replace(at, model=material, fields=fields)), linearly_fitted(at)
 
 
 def _far_off(at: Evaluation) -> dict[str, float]:
@@ -133,16 +137,16 @@ def _far_off(at: Evaluation) -> dict[str, float]:
 
 
 def _explaining(
-    at: Evaluation, fitted: Evaluation, recording: Recording, view: Scene, noise: float
+    at: Simulated, bare: Sequence[Evaluation], recording: Recording, view: Scene, noise: float
 ) -> Pieces[list[tuple[str, float]]]:
     """Effects that do better than the set-up alone, each with the mean distance it leaves [m].
 
     Args:
         at: the joint model at the estimate.
-        fitted: the same at its linearised optimum.
+        bare: what an effect is added to, see `_bare`; the last with the set-up open.
     """
     result: list[tuple[str, float]] = []
-    offset, precision = fitted.model.offset(), fitted.model.precision()
+    known = max(b.posterior.evidence for b in bare)
     for together in simulated_together(_proposals(at, recording, view, noise)):
         model, names = with_proposals(at.model, together)
         try:
@@ -151,21 +155,22 @@ def _explaining(
             LOG.info("%s: %s", ", ".join(p.label for p in together), err)
             continue
         for proposal in together:
-            yield LONG
             own = linear_prior(at.model.settings, proposal)
-            _, left = least(
-                joined(fitted.fields, extra[id(proposal)]), np.append(offset, own[0]),
-                np.append(precision, own[1]),
-            )  # fmt: skip
-            if left > (1.0 - LOWERS) * fitted.mean_err:
-                continue
-            yield LONG
-            if any(g.gain > NAMED for g in predicted_gains(fitted, [proposal], extra)):
-                result.append((proposal.effect, left))
+            for there in bare:
+                yield LONG
+                fields = joined(there.fields, extra[id(proposal)])
+                offset, precision = there.model.offset(), there.model.precision()
+                _, left = least(fields, np.append(offset, own[0]), np.append(precision, own[1]))
+                if left > (1.0 - LOWERS) * bare[-1].mean_err:
+                    continue
+                yield LONG
+                for found in predicted_gains(there, [proposal], extra):
+                    if there.posterior.evidence + found.gain > known + NAMED:
+                        result.append((proposal.effect, left))
     return result
 
 
-def _proposals(at: Evaluation, recording: Recording, view: Scene, noise: float) -> list[Proposal]:
+def _proposals(at: Simulated, recording: Recording, view: Scene, noise: float) -> list[Proposal]:
     """Effects at the places where they are sought, and pegs beside outlier frames.
 
     What separates these from undisturbed ones lies between the noise and the largest error, as in

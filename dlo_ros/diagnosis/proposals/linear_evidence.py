@@ -153,7 +153,7 @@ def with_proposals(
     return model, tuple(names)
 
 
-def columns(at: Evaluation, together: Sequence[Proposal], found: Simulated) -> Extra:
+def columns(at: Simulated, together: Sequence[Proposal], found: Simulated) -> Extra:
     """Derivatives by what each proposal of a group adds; its whole change where it has none.
 
     Args:
