@@ -9,7 +9,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from dlo_ros.inference.joint import Evaluation, Field, Simulated
+from dlo_ros.inference.joint import Evaluation, Field
 from dlo_ros.inference.variances import Variances
 from dlo_ros.spline import FloatArray
 
@@ -20,8 +20,6 @@ CONVERGED_TO_REPORT = 0.01
 deviation from its best value, with this one a seventh."""
 WHITE_CONVERGED = 0.05
 """Gain over the whole misfit, at which a fit ends that takes all that is left for white noise."""
-ROBUST_CONVERGED = 0.01
-"""The same of a robust fit."""
 
 
 class Loss(Protocol):
@@ -92,8 +90,13 @@ class WhiteLoss:
 
     def normal_equations(self, at: Evaluation) -> tuple[FloatArray, FloatArray]:
         """See `Loss`."""
-        fields, (squares, count) = self._fields(at), self._squares(at)
-        hessian, gradient = _summed(fields, [np.ones(len(r)) for r, _ in fields])
+        squares, count = self._squares(at)
+        size = len(at.model.parameters)
+        hessian, gradient = np.zeros((size, size)), np.zeros(size)
+        for residual, jacobian in self._fields(at):
+            rows = jacobian.transpose(0, 2, 1).reshape(-1, size)
+            hessian += rows.T @ rows
+            gradient += rows.T @ residual.ravel()
         return hessian * count / squares, gradient * count / squares
 
     def value(self, at: Evaluation, reference: Evaluation) -> float:
@@ -106,58 +109,14 @@ class WhiteLoss:
         return self.converged * misfit(at, at, self)
 
     def _fields(self, at: Evaluation) -> list[Field]:
-        return list(at.fields) if self.noise is None else _in_units(at.fields, self.noise)
+        if self.noise is None:
+            return list(at.fields)
+        return [(r / n, j / n) for (r, j), n in zip(at.fields, self.noise, strict=True)]
 
     def _squares(self, at: Evaluation) -> tuple[float, int]:
         """Sum of squared residuals, and their number."""
         residuals = [r for r, _ in self._fields(at)]
         return sum(float(np.sum(r**2)) for r in residuals), sum(r.size for r in residuals)
-
-
-@dataclass(frozen=True)
-class RobustLoss:
-    """Pictures that a model misses by more than a scale count little, as of a Cauchy distribution.
-
-    Args:
-        noise: standard deviation of each coefficient [m], shape (K,), of each recording.
-        scale: deviation of pictures that are right, in units of the noise.
-        redescending: whether outliers count for nothing (Geman and McClure, 1987), which needs a
-            start near the right fit.
-    """
-
-    noise: Sequence[FloatArray]
-    scale: float
-    redescending: bool = False
-    fits_variances: ClassVar[bool] = False
-
-    def normal_equations(self, at: Evaluation) -> tuple[FloatArray, FloatArray]:
-        """See `Loss`."""
-        weights = [1.0 / (1.0 + s) ** (2 if self.redescending else 1) for s in self.squares(at)]
-        return _summed(_in_units(at.fields, self.noise), weights)
-
-    def value(self, at: Evaluation, reference: Evaluation) -> float:
-        """See `Loss`."""
-        sizes = [0.5 * len(noise) * self.scale**2 for noise in self.noise]
-        return sum(n * self._of(s) for n, s in zip(sizes, self.squares(at), strict=True))
-
-    def least_gain(self, at: Evaluation) -> float:
-        """See `Loss`."""
-        return ROBUST_CONVERGED * self.value(at, at)
-
-    def squares(self, at: Simulated) -> list[FloatArray]:
-        """Mean square of each picture's residual over the squared scale, shape (F,) each."""
-        fields = _in_units(at.fields, self.noise)
-        return [np.mean(r**2, axis=1) / self.scale**2 for r, _ in fields]
-
-    def of_pictures(self, at: Simulated) -> float:
-        """The loss in units of that of a picture which is right; of outliers nearly their number
-        where they count for nothing.
-        """
-        return sum(map(self._of, self.squares(at)))
-
-    def _of(self, squares: FloatArray) -> float:
-        each = squares / (1.0 + squares) if self.redescending else np.log1p(squares)
-        return float(np.sum(each))
 
 
 CORRELATED, WHITE = CorrelatedLoss(), WhiteLoss()
@@ -168,26 +127,3 @@ def misfit(at: Evaluation, reference: Evaluation, loss: Loss = CORRELATED) -> fl
     """Minus the log posterior of a model's values, with another's variances."""
     prior = float(at.model.precision() @ at.model.offset() ** 2)
     return loss.value(at, reference) + 0.5 * prior
-
-
-def _in_units(fields: Sequence[Field], noise: Sequence[FloatArray]) -> list[Field]:
-    """Residuals and derivatives in units of each coefficient's noise."""
-    return [(r / n, j / n) for (r, j), n in zip(fields, noise, strict=True)]
-
-
-def _summed(
-    fields: Sequence[Field], weights: Sequence[FloatArray]
-) -> tuple[FloatArray, FloatArray]:
-    """Normal equations of all recordings.
-
-    Args:
-        weights: weight of each picture, shape (F,) each.
-    """
-    size = fields[0][1].shape[1]
-    hessian, gradient = np.zeros((size, size)), np.zeros(size)
-    for (residual, jacobian), weight in zip(fields, weights, strict=True):
-        rows = jacobian.transpose(0, 2, 1)
-        weighted = (rows * weight[:, None, None]).reshape(-1, size)
-        hessian += weighted.T @ rows.reshape(-1, size)
-        gradient += weighted.T @ residual.ravel()
-    return hessian, gradient

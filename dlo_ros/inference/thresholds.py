@@ -129,9 +129,6 @@ cannot be relied on: where 1 % more moves it by half of that, tolerances of the 
 where it goes."""
 
 # What was hit.
-UNDISTURBED = 0.1
-"""Share of the pictures that a model must explain, for the others to count as disturbed: where
-fewer are right, something is wrong all the time."""
 UNEXPLAINED_PICTURES = 0.3
 """Share of the outlier pictures that a peg may leave unexplained: its place is rough yet, and
 simulations judge it after that."""

@@ -14,7 +14,6 @@ from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis.contact import contact_search, undisturbed
 from dlo_ros.diagnosis.contact.contact_search import contacts_beside_set_up, plausible_pegs
 from dlo_ros.diagnosis.contact.peg_places import SLACK, STATIONS, Sight, apart, places, sight
-from dlo_ros.diagnosis.contact.undisturbed import _beginnings
 from dlo_ros.diagnosis.contact.wall_places import TouchedWall, beside, tangent, walls
 from dlo_ros.effects import Start
 from dlo_ros.identification.offline.initial_fit import begin, drafts, whitened
@@ -179,33 +178,20 @@ def test_what_goes_astray_without_meeting_anything_is_no_peg():
     assert plausible_pegs(sight(ROD, [seen], [expected], [wrong])) == []
 
 
-def test_a_recording_counts_up_to_where_it_goes_astray():
-    times = np.arange(31) / 30.0
-    whole = SimpleNamespace(times=times, until=lambda stop: ("until", stop))
-    right = np.zeros(30, dtype=bool)  # the first picture begins the motion, and is not compared
-    late, early = right.copy(), right.copy()
-    late[20:], early[5:] = True, True
-    recordings, wrong = [whole] * 3, [right, late, early]
-    assert _beginnings(recordings, wrong, 0.0) == [("until", 31), ("until", 21)]
-    # What is wrong from the beginning on may be gripped as no other recording is.
-    assert _beginnings(recordings, wrong, 0.5) == [("until", 31), ("until", 21), ("until", 16)]
-
-
 def test_a_picture_is_disturbed_that_deviates_clearly_more_than_those_fitted(monkeypatch):
     """A tip slides on a table, and what it does grows to eighty times of what is left before."""
     right, sliding = np.ones(30), np.linspace(1.0, 80.0, 40)
     whole = SimpleNamespace(times=np.arange(71) / 30.0, until=lambda stop: f"until {stop}")
-    wrong = [np.repeat([False, True], [30, 40])]
     model = SimpleNamespace(model="fitted")
     monkeypatch.setattr(undisturbed.joint, "evaluate", lambda *_: model)
     monkeypatch.setattr(undisturbed.joint_fit, "settled", lambda *_: model)
     monkeypatch.setattr(undisturbed.joint, "simulate", lambda _, recordings, __: recordings)
     each = {True: right, False: np.concatenate([right, sliding**2])}
-    monkeypatch.setattr(undisturbed, "_squares", lambda at, _: each[at == ["until 31"]])
-    found = undisturbed._fitted([whole], model, wrong, 0.0)
+    monkeypatch.setattr(undisturbed, "_squares", lambda at, _: [each[at == ["until 31"]]])
+    found = undisturbed._fitted([whole], model, [31])
     assert found.scale == pytest.approx(3.0)
     each[False] = np.ones(70)
-    assert undisturbed._fitted([whole], model, wrong, 0.0) is None
+    assert undisturbed._fitted([whole], model, [31]) is None
 
 
 @pytest.fixture(scope="module")
@@ -254,7 +240,7 @@ def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
     def looked(*_):
         raise AssertionError("looked for a peg off the board")
 
-    monkeypatch.setattr("dlo_ros.diagnosis.contact.robust_fit.consensus_fit", looked)
+    monkeypatch.setattr("dlo_ros.diagnosis.contact.contact_search.undisturbed", looked)
     aloft = []
     for r in beginning.recordings:
         observed = r.observed.copy()

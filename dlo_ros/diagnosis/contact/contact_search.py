@@ -1,7 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The search for a peg or wall that a DLO may have hit, shown by outlier frames alone.
 
-It starts from the fit to undisturbed pictures (`robust_fit`, `undisturbed`) and the places that no
+It starts from the fit to undisturbed pictures (`undisturbed`) and the places that no
 shape enters (`peg_places`, `wall_places`). Only the disturbed recordings are simulated, with all
 other numbers as they are.
 """
@@ -15,9 +15,8 @@ from typing import TypeVar
 import numpy as np
 from scipy.optimize import minimize
 
-from dlo_ros.diagnosis.contact import robust_fit
 from dlo_ros.diagnosis.contact.peg_places import Sight, TouchedPeg, apart, places, sight
-from dlo_ros.diagnosis.contact.undisturbed import undisturbed
+from dlo_ros.diagnosis.contact.undisturbed import outlier_frames, robust_loss, undisturbed
 from dlo_ros.diagnosis.contact.wall_places import TouchedWall, beside, walls
 from dlo_ros.effects import Scene, Start
 from dlo_ros.effects.physics.obstacle import Obstacle
@@ -70,7 +69,7 @@ class _Disturbed:
     Args:
         settings: settings of the model.
         recordings: drafts of the recordings.
-        scale: scale of the robust loss, see `robust_fit.robust_loss`.
+        scale: scale of the robust loss, see `robust_loss`.
         given: the parameter file.
     """
 
@@ -85,7 +84,7 @@ class _Disturbed:
             at = simulate(self._with(hit), self.recordings, ())
         except SimulationError:
             return None
-        return robust_fit.robust_loss(self.recordings, self.scale).of_pictures(at)
+        return robust_loss(at, self.recordings, self.scale)
 
     def losses(self, some: Sequence[Hit]) -> list[tuple[float, Hit]]:
         """The losses of pegs or walls that can be simulated, and they."""
@@ -170,10 +169,10 @@ def _contacts(
 
     Args:
         consensus: simulation of the fit to undisturbed pictures on all drafts.
-        scale: scale of the robust loss, see `robust_fit.robust_loss`.
+        scale: scale of the robust loss, see `robust_loss`.
     """
     observed = [d.observed for d in drafts]
-    wrong = robust_fit.outlier_frames(consensus, drafts, scale)
+    wrong = outlier_frames(consensus, drafts, scale)
     if not any(w.any() for w in wrong):
         return []
     settings = consensus.model.settings
@@ -181,7 +180,7 @@ def _contacts(
     disturbed = [k for k, w in enumerate(wrong) if w.any()]
     hit = _Disturbed(settings, tuple(drafts[k] for k in disturbed), scale, given)
     there = consensus.of(disturbed)
-    most = CLEARLY_LESS * robust_fit.robust_loss(hit.recordings, scale).of_pictures(there)
+    most = CLEARLY_LESS * robust_loss(there, hit.recordings, scale)
     pegs, walls_ = _best_pegs(hit, view), _best_walls(hit, view)
     best = min((loss for loss, _ in (*pegs, *walls_)), default=0.0)
     most = min(most, CERTAIN**2 * best)

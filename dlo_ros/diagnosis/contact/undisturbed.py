@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.diagnosis.contact import robust_fit
 from dlo_ros.effects import Scene
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference import joint, joint_fit
@@ -24,9 +23,8 @@ from dlo_ros.inference.thresholds import CERTAIN, FEWEST
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
-LEADS = (0.0, 0.25)
-"""Shares of each recording, from its beginning, that count as undisturbed at first: a DLO that is
-wrong from the first picture on may lie on a peg, or be gripped as in no other recording."""
+LEADS = (0.12, 0.25, 0.5)
+"""Shares of each recording, from its beginning, that count as undisturbed at first."""
 RIGHT = 0.9
 """Share of the fitted pictures that are certainly undisturbed."""
 
@@ -60,69 +58,74 @@ def undisturbed(
         scene: size, clamps and reach of the motion in the recordings.
 
     Returns:
-        None where no frame is an outlier, or every one is.
+        None where no picture deviates clearly more than those that are fitted.
     """
-    found = robust_fit.consensus_fit(drafts, at)
-    if found is None:
-        return None
-    consensus, scale = found
-    model = joint_model(consensus.model.settings, given, scene)
-    wrong = robust_fit.outlier_frames(consensus, drafts, scale)
-    fits = [_fitted(drafts, model, wrong, lead) for lead in LEADS]
+    model = joint_model(at.model.settings, given, scene)
+    fits = [
+        _fitted(drafts, model, [max(FEWEST, round(lead * len(d.times))) for d in drafts])
+        for lead in LEADS
+    ]
     begun = [f for f in fits if f is not None]
     if not begun:
         return None
-    loss = robust_fit.robust_loss(drafts)
-    best = min(begun, key=lambda f: loss.of_pictures(f.at))
-    wrong = robust_fit.outlier_frames(best.at, drafts, best.scale)
-    return _fitted(drafts, best.model, wrong, 0.0)
+    best = min(begun, key=lambda f: robust_loss(f.at, drafts, CERTAIN))
+    wrong = outlier_frames(best.at, drafts, best.scale)
+    before = [int(np.argmax(w)) if w.any() else len(w) for w in wrong]
+    # With `start: moving` the first picture is not compared.
+    skipped = [len(d.times) - len(w) for d, w in zip(drafts, wrong, strict=True)]
+    return _fitted(drafts, best.model, [a + b for a, b in zip(skipped, before, strict=True)])
+
+
+def robust_loss(at: joint.Simulated, recordings: Sequence[Recording], scale: float) -> float:
+    """Robust loss of what a model leaves, in units of that of a picture which is right.
+
+    Pictures beyond a scale count ever less, as of a Cauchy distribution.
+
+    Args:
+        scale: deviation of pictures that are right, in units of the noise.
+    """
+    return float(np.sum(np.log1p(np.concatenate(_squares(at, recordings)) / scale**2)))
+
+
+def outlier_frames(
+    at: joint.Simulated, recordings: Sequence[Recording], scale: float
+) -> list[np.ndarray]:
+    """Pictures whose deviation exceeds a scale, in units of the noise, shape (F,) per recording."""
+    return [squares > scale**2 for squares in _squares(at, recordings)]
+
+
+def _squares(at: joint.Simulated, recordings: Sequence[Recording]) -> list[FloatArray]:
+    """Mean square of each picture's residual in units of the noise, shape (F,) per recording."""
+    pairs = zip(at.fields, recordings, strict=True)
+    return [np.mean((r / recording.noise) ** 2, axis=1) for (r, _), recording in pairs]
 
 
 def _fitted(
     drafts: Sequence[Recording],
     model: ParametricModel,
-    wrong: Sequence[np.ndarray],
-    lead: float,
+    right: Sequence[int],
 ) -> Undisturbed | None:
     """The joint model fitted to the beginnings of recordings.
 
     Args:
         model: joint model with which the fit begins.
-        wrong: outlier frames, shape (F,) for each recording.
-        lead: see `LEADS`.
+        right: number of pictures of each recording, from the first, that count as undisturbed.
 
     Returns:
         None where no picture deviates clearly more than those that are fitted.
     """
-    parts = _beginnings(drafts, wrong, lead)
+    pairs = zip(drafts, right, strict=True)
+    parts = [draft.until(count) for draft, count in pairs if count >= FEWEST]
     if not parts:
         return None
     try:
         model = joint_fit.settled(joint.evaluate(model, parts), parts).model
-        right = joint.simulate(model, parts, ())
+        begun = joint.simulate(model, parts, ())
         consensus = joint.simulate(model, drafts, ())
     except SimulationError:
         return None
-    most = float(np.quantile(_squares(right, parts), RIGHT))
+    most = float(np.quantile(np.concatenate(_squares(begun, parts)), RIGHT))
     scale = CERTAIN * float(np.sqrt(most))
-    if _squares(consensus, drafts).max() < scale**2:
+    if not any(w.any() for w in outlier_frames(consensus, drafts, scale)):
         return None
     return Undisturbed(model, consensus, scale)
-
-
-def _squares(at: joint.Simulated, recordings: Sequence[Recording]) -> FloatArray:
-    """Mean square of the residual of each picture in units of the noise."""
-    return np.concatenate(robust_fit.robust_loss(recordings, 1.0).squares(at))
-
-
-def _beginnings(
-    drafts: Sequence[Recording], wrong: Sequence[np.ndarray], lead: float
-) -> list[Recording]:
-    """The recordings up to their first outlier frame, but at least a share of each."""
-    result = []
-    for draft, w in zip(drafts, wrong, strict=True):
-        first = int(np.argmax(w)) if w.any() else len(w)
-        stop = len(draft.times) - len(w) + max(first, round(lead * len(w)))
-        if stop >= FEWEST:
-            result.append(draft.until(stop))
-    return result
