@@ -38,8 +38,6 @@ class Recording:
         noise: standard deviation of each coefficient [m], shape (K,).
         spans: knot spans of the simulation; None: as simulation.tolerance asks.
         tolerance: tolerance of the simulation's time steps; None: simulation.tolerance.
-        bias: standard deviation of what stays wrong in all pictures, in each coefficient [m],
-            shape (K,); 0: nothing.
         beyond: difference of measured points from the observed splines, in coefficients [m], shape
             (F, K). Of pictures with points, `across` and it are those of `observation_operator`.
     """
@@ -51,7 +49,6 @@ class Recording:
     noise: FloatArray
     spans: int | None = None
     tolerance: float | None = None
-    bias: FloatArray | float = 0.0
     beyond: FloatArray | None = None
 
     @property

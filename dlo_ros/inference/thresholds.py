@@ -97,9 +97,6 @@ LARGEST_GAP = 0.1
 ten times a tracker's largest error."""
 MOST_GROSS = 0.2
 """Share of the pictures up to which they may be grossly wrong: more are no exception."""
-SCATTERING = 0.45
-"""Share of the stated variance of points that must be new in every picture, to be all of it: in
-motion edges cross pixels, and a half of what stays at rest scatters."""
 FEWEST = 10
 """Frames, messages or pictures from which anything is concluded from their scatter: it is known to
 a quarter then."""

@@ -11,7 +11,6 @@ from challenge.manipulations import carry, swing, wave
 
 from dlo_ros.cli.main import main
 from dlo_ros.identification import Manipulation, identify
-from dlo_ros.identification.offline.recording_noise import ALIKE_PARTS, TIP, with_bias
 from dlo_ros.inference.forecast import compared
 from dlo_ros.inference.measured import measured
 from dlo_ros.inference.observation_operator import noise_unit, operator_of
@@ -146,22 +145,6 @@ def test_a_recording_of_the_diagnosis_sees_the_same_and_keeps_pictures_without_p
     np.testing.assert_allclose(sizes[1:], [1.41e-4, 2.83e-4, 4.24e-4], rtol=0.25)
     # Without the first picture its points are gone, too.
     np.testing.assert_allclose(recording.until(1).residual(predicted[:1])[0], left[0])
-
-
-def test_the_error_of_u_belongs_to_what_a_camera_repeats():
-    """Points that are alike in all pictures err alike: across by their std, along by that of u."""
-    u, n = np.linspace(0.0, L, 120), 12
-    tree = _recordings(np.random.default_rng(3), [swing(np.random.default_rng(3))], STD)[0]
-    experiment = read_experiment(tree, "judged", "test")
-    rod = replace(experiment.guess.rod, length=L, control_points=n)
-    settings = replace(experiment.guess, rod=rod)
-    for stated, along in ((None, TIP * rod.diameter), (np.full(120, 5e-4), 5e-4)):
-        shapes = tuple(replace(seen(n, u, std_along=stated), stamp=k) for k in range(20))
-        again = [replace(o, control_points=o.control_points + 1e-7 * o.stamp) for o in shapes]
-        recording = measured(Manipulation("r", (experiment.command,), tuple(again)), settings)
-        (biased,) = with_bias([recording], [recording.observed], settings)
-        assert biased.bias[:n] == pytest.approx(STD / np.sqrt(ALIKE_PARTS))
-        assert biased.bias[n : 2 * n] == pytest.approx(along)
 
 
 def late(observation, length, share):

@@ -12,7 +12,7 @@ import numpy as np
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
 from dlo_ros.identification.material_model import material_model
-from dlo_ros.identification.offline.recording_noise import with_bias, with_noise
+from dlo_ros.identification.offline.recording_noise import with_noise
 from dlo_ros.identification.offline.without_own_error import STEP_SHORTER, refined
 from dlo_ros.inference.forecast import Manipulation, as_started, forecast
 from dlo_ros.inference.joint import Evaluation, Simulated, evaluate, simulate
@@ -107,8 +107,7 @@ def begin(
     left_out = tuple(len(r.times) - len(u.times) for r, u in zip(recordings, usable, strict=True))
     # A better fit tells the noise better.
     at = _near(at.model, _coarse(usable, settings))
-    biased = with_bias(usable, at.predicted, at.model.settings)
-    fine, error = _finer(_with_noise(biased, at), at)
+    fine, error = _finer(_with_noise(usable, at), at)
     return Beginning(fine, fitted(at.model, fine), error, left_out)
 
 
