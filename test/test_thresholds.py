@@ -40,7 +40,6 @@ SETTINGS = {
     "cause_naming.RIVAL_FITS",
     "cause_search.MOST_CAUSES",
     "confirmed_uncertainty.LONGEST",
-    "contact_search.NEAR",
     "joint_fit.SECANTS",
     "peg_places.BENT",
     "relations.CLEAR",

@@ -14,7 +14,7 @@ from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis.contact import contact_search, undisturbed
 from dlo_ros.diagnosis.contact.contact_search import contacts_beside_set_up, plausible_pegs
 from dlo_ros.diagnosis.contact.peg_places import SLACK, STATIONS, Sight, apart, places, sight
-from dlo_ros.diagnosis.contact.wall_places import TouchedWall, beside, tangent, walls
+from dlo_ros.diagnosis.contact.wall_places import TouchedWall, tangent, walls
 from dlo_ros.effects import Start
 from dlo_ros.identification.offline.initial_fit import begin, drafts, whitened
 from dlo_ros.inference.joint import simulate
@@ -111,14 +111,6 @@ def test_single_pictures_that_are_wrong_move_no_wall():
     seen = view.seen[0].copy()
     seen[60, :, 1] -= 0.2
     assert tangent(replace(view, seen=(seen,)), 0.0).z == pytest.approx(TOP, abs=1e-6)
-
-
-def test_walls_beside_one_go_through_its_point_and_along_the_shapes():
-    view = landing(TOP)
-    wall = TouchedWall(0.3, TOP - 0.002, 0.0)
-    found = beside(view, wall)
-    assert sum(w[:2] == wall[:2] for w in found) == 0.5 * len(found)
-    assert wall in found and tangent(view, 0.0) in found
 
 
 def test_a_wall_turns_about_the_point_that_is_touched():

@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 
 from dlo_ros.diagnosis.contact.peg_places import Sight, TouchedPeg, apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import outlier_frames, robust_loss, undisturbed
-from dlo_ros.diagnosis.contact.wall_places import TouchedWall, beside, walls
+from dlo_ros.diagnosis.contact.wall_places import TouchedWall, walls
 from dlo_ros.effects import Scene, Start
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.effects.physics.wall import StraightWall
@@ -45,9 +45,6 @@ RADII = (0.012, 0.006, 0.024)
 """Radii of the pegs that are tried, from a nail to a pipe [m]; the fit finds the true one."""
 SIMULATED, DISTANCE = 20, 0.02
 """Number of places that are simulated, and their smallest distance over the length."""
-NEAREST, NEAR, NEARER = 3, 0.05, 0.006
-"""Number of best places near which others are simulated, their largest distance from these, and
-their smallest distance from each other, over the length."""
 FITTED = 3
 """Number of pegs, and of walls, that are fitted."""
 STEP = 0.01
@@ -194,32 +191,15 @@ def _contacts(
 
 
 def _best_pegs(hit: _Disturbed, view: Sight) -> list[tuple[float, TouchedPeg]]:
-    """The pegs that leave least, at places that are looked at ever more closely."""
-    likely, length = _likely(view), hit.given.rod.length
-    tried = hit.losses(apart(likely, DISTANCE * length, SIMULATED))
-    tried.sort(key=lambda t: t[0])
-    for _, peg in tried[:NEAREST]:
-        near = [p for p in likely if np.hypot(p.x - peg.x, p.z - peg.z) < NEAR * length]
-        tried += hit.losses(apart(near, NEARER * length, SIMULATED))
-    tried.sort(key=lambda t: t[0])
-    best = apart([peg for _, peg in tried], NEARER * length, FITTED)
-    losses = {peg: loss for loss, peg in tried}
-    return [(losses[peg], peg) for peg in best]
+    """The pegs that leave least, apart from each other."""
+    some = apart(_likely(view), DISTANCE * hit.given.rod.length, SIMULATED)
+    return sorted(hit.losses(some), key=lambda t: t[0])[:FITTED]
 
 
 def _best_walls(hit: _Disturbed, view: Sight) -> list[tuple[float, TouchedWall]]:
     """The walls that leave least, of different directions."""
-    best = _first_of_each(hit.losses(walls(view)))
-    near = [w for _, wall in best for w in beside(view, wall)]
-    return _first_of_each([*best, *hit.losses(near)])
-
-
-def _first_of_each(
-    tried: Sequence[tuple[float, TouchedWall]],
-) -> list[tuple[float, TouchedWall]]:
-    """The walls that leave least, of different directions."""
     best: dict[float, tuple[float, TouchedWall]] = {}
-    for loss, wall in sorted(tried, key=lambda t: t[0]):
+    for loss, wall in sorted(hit.losses(walls(view)), key=lambda t: t[0]):
         best.setdefault(wall.angle, (loss, wall))
     return list(best.values())[:FITTED]
 

@@ -25,8 +25,6 @@ touches, walls do alike."""
 SPACING, MOST = 2e-3, 10
 """Distance over the length of the walls of one direction, and their largest number: what a DLO does
 after an impact depends on millimetres."""
-TURNS = tuple(np.radians(2.0 * k) for k in range(-6, 7))
-"""Angles between a wall and those beside it [rad]."""
 NORMAL, TURN = 0.1, 0.1
 """First steps where a wall is fitted: along its normal over that of a peg, since walls are tried as
 near to each other, and of its direction [rad]."""
@@ -73,17 +71,6 @@ def walls(view: Sight) -> list[TouchedWall]:
             moves = (0.0, *np.linspace(SLACK, -room, count).tolist())
             found += [touched.moved(x, 0.0) for x in moves]
     return found
-
-
-def beside(view: Sight, wall: TouchedWall) -> list[TouchedWall]:
-    """Walls of similar directions: through the same point, and where the observed shapes end.
-
-    A table that several pictures touch has one direction, which 2 degrees matter to.
-    """
-    return [
-        w for turn in TURNS
-        for w in (wall.moved(0.0, turn), tangent(view, wall.angle + turn))
-    ]  # fmt: skip
 
 
 def tangent(view: Sight, angle: float) -> TouchedWall:
