@@ -13,12 +13,6 @@ from dlo_ros.identification.estimate import Estimate, correlations, inverse, kno
 from dlo_ros.inference.thresholds import CLEARLY_LESS, IDENTIFIED, UNBOUNDED
 from dlo_ros.spline import FloatArray
 
-WORDS = {
-    "young_modulus": "E",
-    "density": "mu",
-    "air_drag": "air drag c",
-    "relaxation_time": "relaxation time t_r",
-}
 # Combinations of logarithms that are spoken of.
 QUANTITIES = {
     "specific_modulus": ("E/mu", (1.0, -1.0, 0.0, 0.0)),
@@ -115,7 +109,7 @@ def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
         )
     found_ = correlations(estimate.covariance)
     return result + [
-        f"{WORDS[a]} and {WORDS[b]} are traded against each other (correlation "
+        f"{QUANTITIES[a][0]} and {QUANTITIES[b][0]} are traded against each other (correlation "
         f"{found_[a, b]:+.3f}): the data fix a combination of them far better than each."
         for a, b in estimate.traded
     ]

@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
+from scipy.optimize import brentq
 
 from dlo_ros.command import CONTROL_POINT, END, START, Command
 from dlo_ros.errors import InputError, SimulationError
@@ -189,14 +190,11 @@ def hanging(a: FloatArray, b: FloatArray, length: float) -> FloatArray:
         line[:, 1] -= 4.0 * sag * t * (1.0 - t)
         return line
 
-    low, high = 0.0, length
-    for _ in range(50):
-        sag = 0.5 * (low + high)
-        if np.linalg.norm(np.diff(curve(sag), axis=0), axis=1).sum() < length:
-            low = sag
-        else:
-            high = sag
-    return curve(0.5 * (low + high))
+    def excess(sag: float) -> float:
+        return float(np.linalg.norm(np.diff(curve(sag), axis=0), axis=1).sum()) - length
+
+    # Where the points are too far apart there is none: a straight line.
+    return curve(brentq(excess, 0.0, length) if excess(0.0) < 0.0 else 0.0)
 
 
 def laid(curve: FloatArray, basis: SplineBasis) -> FloatArray:
