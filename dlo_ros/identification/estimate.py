@@ -23,7 +23,7 @@ LOG = logging.getLogger(__name__)
 # A guess guides the search and is no knowledge: standard deviations of the logarithms, wider than
 # those of `dlo_ros.inference.priors`, with which a set-up is compared by evidence.
 SEARCH_STD = {"young_modulus": 4.0, "density": 0.3, "air_drag": 3.0, "relaxation_time": 2.0}
-NOISE_SHARE = 0.1  # of the residual that the simulation's own error may be
+NOISE_SHARE = 0.1  # of the noise, or a residual, that the simulation's own error may be
 FINEST = 1e-5  # of the length: no finer simulation is asked for
 OPEN = 1e3  # standard deviation of a logarithm of which nothing at all is known
 RIDGE = 1e-8  # keeps flat directions finite: standard deviation 1e4 of a logarithm

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.estimate import FINEST
+from dlo_ros.identification.estimate import FINEST, NOISE_SHARE
 from dlo_ros.identification.material_model import material_model
 from dlo_ros.identification.offline.recording_noise import with_noise
 from dlo_ros.identification.offline.without_own_error import STEP_SHORTER, refined
@@ -35,8 +35,6 @@ noise; their iterations."""
 ITERATIONS, TO_THE_END = 10, 1e-3
 """Iterations at the end, and the gain over the misfit at which they end: what the plain model
 misses is told to three digits."""
-FINENESS = 0.1
-"""Largest error of the simulation itself, over the noise of one frame."""
 OWN_SHARE = 0.0015
 """Largest error of the simulation itself, over the model's residual, where that is more than the
 noise allows: nothing finer is judged."""
@@ -257,7 +255,7 @@ def _finer(recordings: tuple[Recording, ...], at: Simulated) -> tuple[tuple[Reco
     """The recordings with knot spans and time steps that keep the simulation's error small."""
     result, errors = [], []
     settings, length = at.model.settings, at.model.settings.rod.length
-    fineness = max(FINENESS, OWN_SHARE * _rms(whitened(at, recordings)))
+    fineness = max(NOISE_SHARE, OWN_SHARE * _rms(whitened(at, recordings)))
     for recording in recordings:
         n = recording.observed.shape[1]
         noise = float(np.sqrt(np.sum(recording.noise[:n] ** 2)))
