@@ -104,11 +104,11 @@ def tree(
         result["wrench"] = {
             "messages": forces.messages,
             "density_std": dict(
-                zip(("all", "from_change", "from_mean"), forces.relative, strict=True)
+                zip(("all", "from_change", "from_mean"), forces.scale.relative, strict=True)
             ),
             "left": {
                 name: {"force": force, "torque": torque}
-                for name, (force, torque) in forces.left.items()
+                for name, (force, torque) in forces.scale.left.items()
             },
         }
     if sampled is not None:
@@ -194,7 +194,7 @@ def _set_up(found: Identification) -> list[str]:
 def force_sentences(found: Identification) -> list[str]:
     """A sentence on what measured forces determine, and by which of their parts."""
     forces = found.forces
-    return [] if forces is None else [force_words(forces.relative, forces.messages)]
+    return [] if forces is None else [force_words(forces.scale.relative, forces.messages)]
 
 
 def remarks(found: Identification) -> list[str]:

@@ -87,15 +87,8 @@ class Scale:
     @property
     def relative(self) -> tuple[float | None, float | None, float | None]:
         """The three standard deviations; None where that leaves it unknown."""
-        return bounded(self.std)
-
-
-def bounded(
-    std: tuple[float, float, float],
-) -> tuple[float | None, float | None, float | None]:
-    """Relative standard deviations; None where one leaves its number unknown."""
-    a, b, c = (s if s < UNBOUNDED else None for s in std)
-    return a, b, c
+        everything, change, mean = (s if s < UNBOUNDED else None for s in self.std)
+        return everything, change, mean
 
 
 def grip_wrenches(loadings: Sequence[Loading], end: str) -> FloatArray | None:

@@ -67,7 +67,7 @@ def both_known(estimate) -> bool:
 def test_shapes_and_forces_tell_both_e_and_mu(swinging):
     found = identify([swinging], known(SENSOR))
     assert both_known(found.estimate)
-    everything, change, mean = found.forces.relative
+    everything, change, mean = found.forces.scale.relative
     assert everything <= min(change, mean) and 0.02 < mean < 0.1
     said = " ".join(remarks(found))
     assert "The forces at the grips (46 messages) determine mu to" in said

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,8 +23,8 @@ from dlo_ros.identification.estimate import (
 )
 from dlo_ros.identification.force_scale import (
     GripForces,
+    Scale,
     borne_along,
-    bounded,
     grip_wrenches,
     scale_of,
 )
@@ -64,23 +64,15 @@ class ForceInformation:
         theta: ln (E, mu, c, t_r) of shapes and forces.
         information: information of the forces on theta, shape (4, 4).
         gradient: information times the step from theta to where forces alone would go, shape (4,).
-        std: standard deviation of ln mu with all information; from how forces change alone; and
-            from their mean alone.
-        left: root mean square residual of forces [N] and torques [N m], for each recording and end.
+        scale: scale of all forces over that of the fit to shapes; its stds are those of ln mu.
         messages: number of measured messages.
     """
 
     theta: FloatArray
     information: FloatArray
     gradient: FloatArray
-    std: tuple[float, float, float]
-    left: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    messages: int = 0
-
-    @property
-    def relative(self) -> tuple[float | None, float | None, float | None]:
-        """The three standard deviations of mu over mu; None where that leaves it unknown."""
-        return bounded(self.std)
+    scale: Scale
+    messages: int
 
 
 def information_with_forces(
@@ -132,12 +124,12 @@ def information_with_forces(
     whole = shapes + max(found.information, 0.0) * np.outer(own, own)
     whole = widened(whole, diameter * np.array([4.0, 2.0, 0.0, 0.0]))
     everything, change, mean = (float(np.hypot(s, 2.0 * diameter)) for s in found.std)
+    known_by = replace(found, std=(everything, change, mean))
     step = np.where(np.isfinite(theta), spread[:, MU] * precision * found.log, 0.0)
     messages = sum(len(w.stamps) for r, _ in pairs for w in r.wrenches)
     return ForceInformation(
-        theta + step, whole - stated, precision * found.log * own, (everything, change, mean),
-        found.left, messages,
-    )  # fmt: skip
+        theta + step, whole - stated, precision * found.log * own, known_by, messages
+    )
 
 
 def _exact_diameter(shapes: FloatArray, diameter: float) -> FloatArray:
