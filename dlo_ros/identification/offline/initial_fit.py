@@ -274,7 +274,8 @@ def _finer(recordings: tuple[Recording, ...], at: Simulated) -> tuple[tuple[Reco
             recording, error = _coarsest(spans, at.model, tolerance * length, SPACE_FACTOR)
             own = error / length
         steps = [replace(recording, tolerance=LONGEST / TIME_FACTOR**k) for k in range(TIME_ROUNDS)]
-        recording, error = _coarsest(steps, at.model, IN_TIME * fineness * noise, TIME_FACTOR)
+        allowed = IN_TIME * fineness * float(np.linalg.norm(recording.noise))
+        recording, error = _coarsest(steps, at.model, allowed, TIME_FACTOR)
         result.append(recording)
         errors.append(np.hypot(own * length, error))
     return tuple(result), float(np.nanmax(errors)) if np.isfinite(errors).any() else np.nan
