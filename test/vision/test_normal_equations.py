@@ -53,12 +53,14 @@ def test_leverage_is_the_trace_of_the_weighted_covariance_of_what_is_observed():
     assert mirrored(np.tril(covariance)) == pytest.approx(covariance)
 
 
+CAMERA = Camera(
+    np.array([[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], [0.0, 0.0, 1.0]]), (0.0,) * 5, 640, 480,
+    CameraPose((0.0, 0.0, 1.0), (2**-0.5, 0.0, 0.0, 2**-0.5)),
+)  # fmt: skip
+
+
 def test_a_projection_has_the_position_and_the_derivatives_of_the_spline():
-    rng = np.random.default_rng(7)
-    camera = Camera(
-        np.array([[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], [0.0, 0.0, 1.0]]), (0.0,) * 5, 640, 480,
-        CameraPose((0.0, 0.0, 1.0), (2**-0.5, 0.0, 0.0, 2**-0.5)),
-    )  # fmt: skip
+    rng, camera = np.random.default_rng(7), CAMERA
     points = np.column_stack([BASIS.greville - 0.2, *(0.01 * rng.normal(size=(2, 9)))])
     drift, u = 1e-3 * rng.normal(size=(DRIFTS, 3)), np.linspace(0.0, LENGTH, 13)
     angle = rng.uniform(0.0, np.pi, len(u))
@@ -67,19 +69,49 @@ def test_a_projection_has_the_position_and_the_derivatives_of_the_spline():
     rays = camera.rays(camera.project(curve)) + 1e-3 * rng.normal(size=(len(u), 2))
     view = View(camera, rays, rays, tangents, u, 5.0)
     table = BasisTable.of(BASIS)
-    seen = project(view, u, table, points, drift)
+    seen = project(view, u, table, points, drift, sliding=False)
     apart = 900.0 * (camera.rays(camera.project(curve)) - rays)
     normals = np.column_stack([-tangents[:, 1], tangents[:, 0]])
     assert seen.across == pytest.approx(np.sum(apart * normals, axis=1), abs=1e-3)
     assert seen.along == pytest.approx(-np.sum(apart * tangents, axis=1), abs=1e-3)
     step = 1e-6
     for axis in range(3):
-        moved = project(view, u, table, points + step * np.eye(3)[axis], drift)
+        moved = project(view, u, table, points + step * np.eye(3)[axis], drift, sliding=False)
         by_hand = (moved.across - seen.across) / step
         assert seen.across_rows[:, axis] == pytest.approx(by_hand, rel=1e-3, abs=1e-2)
+        climb = (moved.depth - seen.depth) / step
+        assert seen.depth_rows[:, axis] == pytest.approx(climb, abs=1e-6)
     inner = u[1:-1]
     short = View(camera, rays[1:-1], rays[1:-1], tangents[1:-1], inner, 5.0)
     at, still = 1e-4, np.zeros((DRIFTS, 3))
     before, behind = (project(short, inner + d, table, points, still) for d in (-at, at))
     speed = project(short, inner, table, points, still).speed
     assert speed == pytest.approx((before.along - behind.along) / (2.0 * at), rel=0.02, abs=2.0)
+
+
+def test_the_derivatives_of_a_projection_follow_the_spline_as_it_slides_along_a_centreline():
+    rng = np.random.default_rng(8)
+    points = np.column_stack([BASIS.greville - 0.2, *(0.02 * rng.normal(size=(2, 9)))])
+    u, table, still = np.linspace(0.02, 0.38, 10), BasisTable.of(BASIS), np.zeros((DRIFTS, 3))
+
+    def pixels(at):
+        return CAMERA.rays(CAMERA.project(BASIS.evaluate(points, at)))
+
+    tangents = pixels(u + 1e-5) - pixels(u - 1e-5)
+    angle = np.arctan2(*tangents.T[::-1]) + rng.uniform(-0.3, 0.3, len(u))  # as if measured badly
+    tangents = np.column_stack([np.cos(angle), np.sin(angle)])
+    view = View(CAMERA, pixels(u), pixels(u), tangents, u, 5.0)
+    seen = project(view, u, table, points, still)
+    change = 1e-4 * rng.normal(size=points.shape)
+    moved, at = project(view, u, table, points + change, still), u
+    for _ in range(5):
+        at = at + moved.along / moved.speed
+        moved = project(view, at, table, points + change, still)
+    assert moved.along == pytest.approx(np.zeros(len(u)), abs=1e-6)
+    shift = seen.basis @ change
+    for before, now, rows in (
+        (seen.across, moved.across, seen.across_rows),
+        (seen.depth, moved.depth, seen.depth_rows),
+    ):
+        told = np.sum(rows * shift, axis=1)
+        assert np.abs(now - before - told).max() < 0.03 * np.abs(told).max()

@@ -99,6 +99,7 @@ class Located:
         doubt: uncertainty of the middle of the usual cross-section [px], shape (m,).
         known_width, tones: arguments of `locate`.
         excluded: places where the user says that the DLO is not, shape (m,); None: nowhere.
+        apart: distance of the two edges [px], NaN where only one was found, shape (m,).
     """
 
     curve: FloatArray
@@ -117,6 +118,7 @@ class Located:
     known_width: bool = False
     tones: bool = False
     excluded: Mask | None = None
+    apart: FloatArray | None = None
 
     @property
     def trust(self) -> FloatArray:
@@ -261,6 +263,7 @@ def locate(
         np.hypot(np.hypot(lopsided, one_sided), unsure),
         known_width,
         tones,
+        apart=np.where(both, edge_right - edge_left, np.nan),
     )
 
 

@@ -28,6 +28,7 @@ from dlo_ros.vision.space.matching import SAMPLES, WAITING, align
 from dlo_ros.vision.space.reprojection import ClampPose
 from dlo_ros.vision.space.view import focal_length
 from dlo_ros.vision.tracing.abandoned_strand import abandons_strand
+from dlo_ros.vision.tracing.chain_junctions import cut_at_junctions
 from dlo_ros.vision.tracing.chain_ordering import ClampPixel, LengthRule, Path, PathSearch, alike
 from dlo_ros.vision.tracing.course_location import RoughDetection, locate_course
 from dlo_ros.vision.tracing.free_ends import free_end, prolong
@@ -88,6 +89,7 @@ class Measured:
             seen=one.seen[::-1], likeness=one.likeness[::-1], blur=one.blur[::-1],
             doubt=one.doubt[::-1],
             excluded=None if one.excluded is None else one.excluded[::-1],
+            apart=None if one.apart is None else one.apart[::-1],
         )  # fmt: skip
         u = None if self.u is None else self.u[::-1]
         return Measured(turned, u, self._prolonged, self._free[::-1], abandons=self.abandons)
@@ -168,7 +170,7 @@ class ViewSearch:
                 else ClampPixel(bars.from_image(pixel.position), pixel.direction)
             )
         length = self._length / self._diameter * bars.width
-        chains = find_chains(bars)
+        chains = cut_at_junctions(find_chains(bars), bars.width)
         search = PathSearch(chains, bars, length, plane, local[0], local[1], RULE)
         result = []
         free = (local[0] is None, local[1] is None)

@@ -4,7 +4,7 @@
 A measured point says where the DLO is across its centreline in that view, and nothing along it: no
 pixel of one view is matched with one of another. Each point's material coordinate is that where
 the projected spline passes it, sought anew after each step (Gauss and Newton's, with Student's
-weights).
+weights); the derivatives of the distance contain that it follows.
 Where the DLO runs along the epipolar line, or one view alone sees it, the depth follows from the
 length, which is known everywhere, and by smoothness: the third derivative is taken as white noise
 of a density that is itself estimated (expectation maximisation), so that the covariance says how
@@ -32,7 +32,7 @@ from dlo_ros.vision.space.view import View
 from dlo_ros.vision.space.view_projection import DRIFTS, Projection, project
 
 FREEDOM = 4.0  # degrees of freedom of Student's distribution
-STEPS = 5  # of Gauss and Newton at most
+STEPS = 10  # of Gauss and Newton at most
 SETTLED = 0.1  # [px] the last step moved the curve by less
 DEPTH_STD_FLOOR = 2e-4  # [m] the same of depth
 SHARED_STD = 0.01  # relative error of the whole length by cameras, poses and L
@@ -45,6 +45,8 @@ ROUGHNESS = 400.0
 """Density of the third derivative to begin with [1/L^3]: curvature changes by 10/L over L/4."""
 ROUGHNESS_RANGE = (0.02, 8.0)  # of that, within which it is estimated
 WINDOW = 7  # blocks over which the scatter is judged
+ODD_WIDTH = 4.0  # standard deviations (robust) of the distance of edges that are not one DLO's,
+LEAST_ODD_WIDTH = 0.05  # and the same as a share of it, which noise and tones fake
 FURTHEST_SLIDE = 0.02  # of L that a point's material coordinate moves in a step
 LEAST_FREEDOM = 0.3  # share of the scatter at the least that no curve follows
 
@@ -116,6 +118,7 @@ def fit_views(
             seen = _project(view, u, table, points, velocity, drift)
             on = seen.on(u, length)
             std = np.hypot(_scatter(seen.across, freedom, SAMPLING_STD, view.width), view.shared)
+            on &= ~_odd_width(view, seen.depth)
             weight = np.where(on, _student(seen.across / std), 0.0)
             others = None
             if moving:
@@ -235,6 +238,26 @@ def _scatter(residual: FloatArray, freedom: float, floor: float, width: float) -
     return result
 
 
+def _odd_width(view: View, depth: FloatArray) -> Mask:
+    """Mask of the points whose edges are not those of one DLO.
+
+    Where two strands of one look lie on one another, an edge of each is seen: the middle is shifted
+    by half of what the edges lie further apart than those of the DLO alone, which the scatter along
+    it does not show.
+
+    Args:
+        view: view with the distance of the edges.
+        depth: depth of the DLO at its points [m], shape (m,).
+    """
+    size = np.full(len(depth), np.nan) if view.apart is None else view.apart * depth
+    known = np.isfinite(size)
+    if np.count_nonzero(known) < WINDOW:
+        return np.zeros(len(depth), dtype=np.bool_)
+    change = np.where(known, np.abs(size / np.median(size[known]) - 1.0), 0.0)
+    spread = 1.4826 * float(np.median(change[known]))
+    return np.asarray(change > max(ODD_WIDTH * spread, LEAST_ODD_WIDTH), dtype=np.bool_)
+
+
 def _pixels(views: Sequence[View], moved: FloatArray) -> float:
     """About how far a change of the control points [m] moves the curve in a picture [px]."""
     nearest = max(view.focal_length / abs(view.camera.translation[2]) for view in views)
@@ -274,10 +297,10 @@ def _add_depth(
         return []
     residual = seen.depth[known] - view.depth[known]
     std = _scatter(residual, freedom, DEPTH_STD_FLOOR, np.inf)
-    direction = np.tile(view.camera.rotation[2], (len(residual), 1))
+    basis, direction = seen.basis[known], seen.depth_rows[known]
     weight = _student(residual / std) / std**2
-    equations.add(seen.basis[known], direction, residual, weight)
-    return [(seen.basis[known], direction, weight)]
+    equations.add(basis, direction, residual, weight)
+    return [(basis, direction, weight)]
 
 
 def _add_tips(
@@ -291,7 +314,7 @@ def _add_tips(
             continue
         for tangent in np.eye(2):
             one = View(view.camera, ray, ray, tangent[None], np.array([u]), view.width)
-            seen = project(one, one.u, table, points, np.zeros((DRIFTS, 3)))
+            seen = project(one, one.u, table, points, np.zeros((DRIFTS, 3)), sliding=False)
             std = TIP_STD * view.width
             weight = _student(seen.across / std) / std**2
             equations.add(seen.basis, seen.across_rows, seen.across, weight)

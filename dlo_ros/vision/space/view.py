@@ -37,6 +37,7 @@ class View:
         depth: depth of the DLO's axis along the optical axis [m], NaN where unknown, shape (m,).
         shared: standard deviation across that a point has in common with its neighbours, for as
             many of them as if each had it alone [px], shape (m,).
+        apart: distance of the DLO's edges [px], NaN where it is unknown, shape (m,); None: nowhere.
     """
 
     camera: Camera
@@ -49,6 +50,7 @@ class View:
     tips: tuple[FloatArray | None, FloatArray | None] = (None, None)
     depth: FloatArray | None = None
     shared: FloatArray | float = 0.0
+    apart: FloatArray | None = None
 
     @property
     def focal_length(self) -> float:
@@ -119,6 +121,7 @@ def view_of(
         camera, pixels[good], rays[good], tangents[good], mean(u)[good], located.width, dt, tips,
         None if depth is None else _medians(depth, seen, size)[np.flatnonzero(enough)][good],
         math.sqrt(LENGTH / BLOCK) * mean(located.shared_std)[good],
+        None if located.apart is None else mean(located.apart)[good],
     )  # fmt: skip
 
 

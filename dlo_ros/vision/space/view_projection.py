@@ -29,8 +29,8 @@ class Projection(NamedTuple):
         depth: depth of the spline [m], shape (m,).
         across, along: position of the spline from each point, across and along the measured
             centreline [px], shape (m,).
-        across_rows: derivative of `across` by the spline's point in the board frame [px/m], shape
-            (m, 3).
+        across_rows, depth_rows: derivatives of `across` [px/m] and `depth` by the spline's point in
+            the board frame, shape (m, 3).
         speed: derivative of `along` by u, its sign turned [px/m], shape (m,).
     """
 
@@ -40,6 +40,7 @@ class Projection(NamedTuple):
     across: FloatArray
     along: FloatArray
     across_rows: FloatArray
+    depth_rows: FloatArray
     speed: FloatArray
 
     def on(self, u: FloatArray, length: float) -> Mask:
@@ -50,7 +51,13 @@ class Projection(NamedTuple):
 
 
 def project(
-    view: View, u: FloatArray, table: BasisTable, points: FloatArray, drift: FloatArray
+    view: View,
+    u: FloatArray,
+    table: BasisTable,
+    points: FloatArray,
+    drift: FloatArray,
+    *,
+    sliding: bool = True,
 ) -> Projection:
     """Project the spline into a view at its points' material coordinates.
 
@@ -60,6 +67,8 @@ def project(
         table: basis of the spline.
         points: control points at the view's time [m], shape (k, 3).
         drift: shift of the view's spline that varies with u [m], shape (4, 3).
+        sliding: whether the spline slides past the points, so that their u change with it, else
+            they are those of the points.
 
     Raises:
         VisionError: the spline lies behind the camera.
@@ -68,7 +77,7 @@ def project(
     result = Projection(
         *_project(
             u, table.basis.length, table.values, table.slope, points, drift, camera.rotation,
-            camera.translation, view.focal_length, view.rays, view.tangents,
+            camera.translation, view.focal_length, view.rays, view.tangents, sliding,
         )
     )  # fmt: skip
     if not np.all(result.depth > NEAREST):
@@ -89,13 +98,23 @@ def _project(
     focal: float,
     rays: FloatArray,
     tangents: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    sliding: bool,
+) -> tuple[
+    FloatArray,
+    FloatArray,
+    FloatArray,
+    FloatArray,
+    FloatArray,
+    FloatArray,
+    FloatArray,
+    FloatArray,
+]:
     """The fields of `Projection`; basis functions are interpolated in their table."""
     count, k = len(u), values.shape[1]
     basis, drift_basis = np.empty((count, k)), np.empty((count, DRIFTS))
     depth, across, along = np.empty(count), np.empty(count), np.empty(count)
-    across_rows, speed = np.empty((count, 3)), np.empty(count)
-    place, slope = np.empty(3), np.empty(3)
+    across_rows, depth_rows, speed = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
+    place, slope, along_row = np.empty(3), np.empty(3), np.empty(3)
     for i in range(count):
         at = u[i] * ((len(values) - 1) / length)
         row = min(max(int(at), 0), len(values) - 2)
@@ -128,10 +147,20 @@ def _project(
         dx, dy = qx - rays[i, 0], qy - rays[i, 1]
         across[i] = focal * (dy * tx - dx * ty)
         along[i] = -focal * (dx * tx + dy * ty)
-        speed[i] = 0.0
+        speed[i] = aside = climb = 0.0
         for c in range(3):
             forward = rotation[2, c]
             row_x, row_y = rotation[0, c] - qx * forward, rotation[1, c] - qy * forward
             across_rows[i, c] = focal / z * (tx * row_y - ty * row_x)
-            speed[i] += focal / z * (tx * row_x + ty * row_y) * slope[c]
-    return basis, drift_basis, depth, across, along, across_rows, speed
+            along_row[c] = focal / z * (tx * row_x + ty * row_y)
+            depth_rows[i, c] = forward
+            speed[i] += along_row[c] * slope[c]
+            aside += across_rows[i, c] * slope[c]
+            climb += forward * slope[c]
+        # What moves the spline along the centreline brings another part of it beside the point,
+        # which lies further across where both are not parallel.
+        if sliding and abs(aside) < abs(speed[i]):
+            for c in range(3):
+                across_rows[i, c] -= aside / speed[i] * along_row[c]
+                depth_rows[i, c] -= climb / speed[i] * along_row[c]
+    return basis, drift_basis, depth, across, along, across_rows, depth_rows, speed
