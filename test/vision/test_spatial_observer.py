@@ -8,96 +8,25 @@ import numpy as np
 import pytest
 import yaml
 from scipy.spatial import cKDTree
+from vision_views import DIAMETER, FINE, LEFT, LENGTH, RIGHT, away, clamps, fitted, rope, view
 
 from dlo_ros.cli.main import main
 from dlo_ros.errors import InputError, ParameterError, VisionError
-from dlo_ros.parameters import CameraPose, RodParameters, Settings, VisionParameters
+from dlo_ros.parameters import RodParameters, Settings, VisionParameters
 from dlo_ros.recordings.image_building import depth_message
 from dlo_ros.recordings.images import read_depth
 from dlo_ros.recordings.message_building import BAG_MESSAGES
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis.experiment import find_experiment
-from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.segmentation.edge_profile import Located
 from dlo_ros.vision.space import SpaceObserver
 from dlo_ros.vision.space.depth import profile_depths
-from dlo_ros.vision.space.matching import Course, align, coordinates, match
-from dlo_ros.vision.space.reprojection import ClampPose, Prior, fit_views
+from dlo_ros.vision.space.matching import Course, align, match
+from dlo_ros.vision.space.publishing import publish
+from dlo_ros.vision.space.reprojection import Prior, fit_views
 from dlo_ros.vision.space.spatial_credibility import check
 from dlo_ros.vision.space.spatial_observer import Frame
-from dlo_ros.vision.space.view import View
-
-LENGTH, DIAMETER = 0.4, 0.004
-FINE = SplineBasis(36, LENGTH)
-K = np.array([[1500.0, 0.0, 639.5], [0.0, 1500.0, 359.5], [0.0, 0.0, 1.0]])
-
-
-def pose(x):
-    """A camera at (x, -1.2, 0) that looks along the board's y."""
-    return CameraPose((-x, 0.0, 1.2), (2**-0.5, 0.0, 0.0, 2**-0.5))
-
-
-def camera(x):
-    return Camera(K, (), 1280, 720, pose(x))
-
-
-LEFT, RIGHT = camera(0.0), camera(0.3)
-
-
-def rope(direction=(1.0, 0.0, 0.0), bulge=0.05):
-    """Control points of a curve of the length that bends in space."""
-    t = np.linspace(0.0, 1.0, 2001)
-    along = np.array(direction) / np.linalg.norm(direction)
-    beside = np.array([along[2], 0.0, -along[0]])
-    points = np.outer(0.9 * (t - 0.5), along) * LENGTH
-    points += np.outer(bulge * np.sin(2 * np.pi * t), beside)
-    points[:, 1] += bulge * np.cos(3.0 * t)
-    for _ in range(3):  # to the length, parametrised by it
-        size = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
-        points *= LENGTH / size
-    points[:, 0] += 0.15
-    return FINE.fit(coordinates(points, LENGTH), points)
-
-
-def view(of, points, rng, std=0.1, low=0.0, high=LENGTH, count=100, dt=0.0, depth=None):
-    """What a camera measures of a curve, with noise across it."""
-    u = np.linspace(low, high, count)
-    place, ahead = (of.rays(of.project(FINE.evaluate(points, at))) for at in (u, u + 1e-4))
-    ahead[-1] = 2 * place[-1] - of.rays(of.project(FINE.evaluate(points, u[-1:] - 1e-4)))[0]
-    tangent = ahead - place
-    tangent /= np.hypot(*tangent.T)[:, None]
-    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-    rays = place + (std / 1500.0) * rng.normal(size=(count, 1)) * normal
-    start = np.clip(u + 0.004 * np.sin(9 * u / LENGTH), 0.0, LENGTH)
-    z = None
-    if depth is not None:
-        z = (FINE.evaluate(points, u) @ of.rotation.T + of.translation)[:, 2]
-        z = z + depth * rng.normal(size=count)
-    return View(of, of.project(np.zeros((count, 3))), rays, tangent, start, 5.0, dt, depth=z)
-
-
-def away(fit, points):
-    """Distances of the fitted curve from the true one at 34 places [m], and their stated std."""
-    u = np.linspace(0.0, LENGTH, 34)
-    truth = FINE.evaluate(points, np.linspace(0.0, LENGTH, 4001))
-    found = FINE.evaluate(fit.points, u)
-    covariance, tangent = fit.covariance_at(u), fit.tangents(u)
-    along = np.einsum("ma,mab,mb->m", tangent, covariance, tangent)
-    across = np.trace(covariance, axis1=1, axis2=2) - along
-    return cKDTree(truth).query(found)[0], np.sqrt(0.5 * across)
-
-
-def clamps(points):
-    d = FINE.evaluate(points, [0.0, LENGTH], 1)
-    d /= np.linalg.norm(d, axis=1, keepdims=True)
-    return ClampPose(points[0], d[0]), ClampPose(points[-1], d[1])
-
-
-def fitted(views, points, rng, **known):
-    start = points + np.column_stack([0.003 * np.sin(np.arange(36.0)), np.full(36, 0.01),
-                                      np.zeros(36)])  # fmt: skip
-    return fit_views(views, FINE, start, Prior(DIAMETER, clamps(points), **known))
 
 
 def test_two_views_find_the_curve_and_its_std():
@@ -106,7 +35,7 @@ def test_two_views_find_the_curve_and_its_std():
         rng = np.random.default_rng(seed)
         points = rope((1.0, 0.0, 0.6), 0.03 + 0.004 * seed)
         views = [view(c, points, rng) for c in (LEFT, RIGHT)]
-        fit = fitted(views, points, rng)
+        fit = fitted(views, points)
         check(views, fit, clamps(points), DIAMETER)
         distance, std = away(fit, points)
         inside.append(np.mean(distance < 2.448 * std))
@@ -115,19 +44,61 @@ def test_two_views_find_the_curve_and_its_std():
     assert np.sqrt(np.mean(np.square(missed))) < 6e-4
 
 
+def test_points_beside_another_strand_do_not_count():
+    # Where a strand lies behind the DLO its edges lie further apart, and their middle beside it.
+    rng = np.random.default_rng(3)
+    points = rope((1.0, 0.0, 0.6))
+    views, errors = [], []
+    for of in (LEFT, RIGHT):
+        one = view(of, points, rng)
+        depth = (FINE.evaluate(points, one.u) @ of.rotation.T + of.translation)[:, 2]
+        apart = DIAMETER * 1500.0 / depth * (1.0 + 0.01 * rng.normal(size=len(one.u)))
+        hidden = (one.u > 0.3 * LENGTH) & (one.u < 0.5 * LENGTH)
+        apart[hidden] += 1.6
+        normal = np.column_stack([-one.tangents[:, 1], one.tangents[:, 0]])
+        beside = one.rays + np.where(hidden, 0.8 / 1500.0, 0.0)[:, None] * normal
+        views.append(replace(one, rays=beside, apart=apart))
+    for known in (True, False):
+        some = views if known else [replace(one, apart=None) for one in views]
+        fit = fitted(some, points)
+        distance, std = away(fit, points)
+        errors.append(float(np.max(distance / std)))
+        assert known == (np.mean(fit.weights[0] == 0.0) > 0.15)
+    assert errors[0] < 4.0 < errors[1]
+
+
 def test_std_grows_along_the_epipolar_line_and_where_one_view_is_alone():
     rng = np.random.default_rng(1)
     across, along = rope((0.2, 0.0, 1.0), 0.01), rope((1.0, 0.0, 0.0), 0.002)
     stds = []
     for points in (across, along):
-        fit = fitted([view(c, points, rng) for c in (LEFT, RIGHT)], points, rng)
+        fit = fitted([view(c, points, rng) for c in (LEFT, RIGHT)], points)
         stds.append(np.median(away(fit, points)[1]))
     assert stds[1] > 3.0 * stds[0]
-    alone = fitted([view(LEFT, across, rng), view(RIGHT, across, rng, high=0.6 * LENGTH, count=60)],
-                   across, rng)  # fmt: skip
-    distance, std = away(alone, across)
-    assert std[28] > 3.0 * std[10]
-    assert np.mean(distance < 2.448 * std) > 0.9
+    inside = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        right = view(RIGHT, across, rng, high=0.6 * LENGTH, count=60)
+        distance, std = away(fitted([view(LEFT, across, rng), right], across), across)
+        assert std[28] > 3.0 * std[10]
+        inside.append(np.mean(distance < 2.448 * std))
+    assert np.mean(inside) > 0.9
+
+
+def test_a_place_whose_depth_is_not_determined_has_no_point():
+    rng, points = np.random.default_rng(0), rope((0.2, 0.0, 1.0), 0.01)
+    right = view(RIGHT, points, rng, high=0.6 * LENGTH, count=60)
+    fit = fitted([view(LEFT, points, rng), right], points)
+    seen, basis = np.ones(400, dtype=bool), SplineBasis(10, LENGTH)
+    found = publish(0, fit, basis, seen, (0.0, 0.0), DIAMETER).points
+    std = away(fit, points)[1]
+    assert std.max() > 2e-3 > found.std.max()
+    lost = np.linspace(0.0, LENGTH, 34)[std > 2.5e-3]
+    assert np.all(np.abs(found.u[:, None] - lost).min(axis=0) > 0.005)
+    assert np.sum(found.u < 0.6 * LENGTH) >= 19
+    blind = replace(fit, covariance=1e4 * fit.covariance)
+    with pytest.raises(VisionError, match="do not determine the depth"):
+        publish(0, blind, basis, seen, (0.0, 0.0), DIAMETER)
 
 
 def test_u_is_counted_from_the_clamp_where_a_rope_bends_most():
@@ -158,7 +129,7 @@ def test_wrong_points_in_one_view_do_not_move_the_curve():
     rays = views[1].rays.copy()
     rays[40:46] += 6.0 / 1500.0
     views[1] = replace(views[1], rays=rays)
-    fit = fitted(views, points, rng)
+    fit = fitted(views, points)
     check(views, fit, clamps(points), DIAMETER)
     assert away(fit, points)[0].max() < 2.5e-3
     assert np.all(fit.weights[1][40:46] < 0.1)
@@ -169,7 +140,7 @@ def test_views_of_different_shapes_are_refused():
     points, other = rope((1.0, 0.0, 0.6)), rope((1.0, 0.0, 0.6), 0.035)
     views = [view(LEFT, points, rng), view(RIGHT, other, rng)]
     with pytest.raises(VisionError, match=r"do not show one DLO|is .* m long|from its clamp"):
-        check(views, fitted(views, points, rng), clamps(points), DIAMETER)
+        check(views, fitted(views, points), clamps(points), DIAMETER)
 
 
 def test_one_view_alone_is_refused():
@@ -177,7 +148,7 @@ def test_one_view_alone_is_refused():
     points = rope((1.0, 0.0, 0.6))
     views = [view(LEFT, points, rng), view(RIGHT, points, rng, high=0.3 * LENGTH, count=30)]
     with pytest.raises(VisionError, match=r"two views share only 3. %"):
-        check(views, fitted(views, points, rng), clamps(points), DIAMETER)
+        check(views, fitted(views, points), clamps(points), DIAMETER)
 
 
 def test_stamps_apart_are_allowed_for():
@@ -185,9 +156,9 @@ def test_stamps_apart_are_allowed_for():
     points, dt = rope((1.0, 0.0, 0.6)), 0.01
     speed = np.tile([0.0, 0.0, 0.3], (36, 1))
     views = [view(LEFT, points, rng), view(RIGHT, points + dt * speed, rng, dt=dt)]
-    known = fitted(views, points, rng, velocity=speed, speed_std=0.02)
+    known = fitted(views, points, velocity=speed, speed_std=0.02)
     assert away(known, points)[0].max() < 1.5e-3
-    unknown = fitted(views, points, rng, speed_std=0.3)
+    unknown = fitted(views, points, speed_std=0.3)
     distance, std = away(unknown, points)
     assert np.median(std) > 1.5 * np.median(away(known, points)[1])
     assert np.mean(distance < 2.448 * std) > 0.9
@@ -201,7 +172,7 @@ def test_depth_in_the_same_fit():
         one = view(LEFT, points, rng, depth=1.5e-3)
         one.depth[20:24] = np.nan
         one.depth[50:53] += 0.1  # mixed pixels: the board behind it
-        fit = fitted([one], points, rng)
+        fit = fitted([one], points)
         check([one], fit, clamps(points), DIAMETER)
         distance, std = away(fit, points)
         inside.append(np.mean(distance < 2.448 * std))

@@ -21,7 +21,9 @@ from dlo_ros.vision.space.view import focal_length
 SAMPLES = 160  # points of a centreline that are matched
 FARTHEST = 12.0  # [px] a larger distance from the epipolar line costs no more
 MATCHED = 4.0  # [px] root mean square distance from the epipolar lines, beyond which none match
-MATCHED_LENGTH = 0.2  # of L, by which a match may be too long or too short
+MATCHED_LENGTHS = (-0.35, 0.2)
+"""Of L, by which a match may be too short or too long: where nothing determines the depth, as along
+the epipolar lines or towards a camera, the smoothest curve is the shortest."""
 LENGTH_STD = 0.05  # of L: the same of a match that is right
 WAITING = 0.4  # [px^2] cost of a step along one centreline alone
 ROUGH_SPANS = 9  # of the spline through the matched points
@@ -79,7 +81,7 @@ class Match:
         fault = ""
         if not self.near:
             fault = f"{self.distance:.0f} px beside the epipolar lines"
-        elif abs(share) > MATCHED_LENGTH:
+        elif not MATCHED_LENGTHS[0] < share < MATCHED_LENGTHS[1]:
             fault = f"the DLO would be {self.length:.3g} m long"
         return self.distance**2 + (share / LENGTH_STD) ** 2, fault
 

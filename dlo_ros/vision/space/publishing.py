@@ -15,20 +15,30 @@ from dlo_ros.vision.fit.spline_fit import FEWEST_POINTS, UNSEEN_WEIGHT
 from dlo_ros.vision.segmentation.picture_strip import Mask
 from dlo_ros.vision.space.reprojection import CLAMP_ALONG_STD, SHARED_STD, TIP_STD
 from dlo_ros.vision.space.spatial_clamps import Clamps
+from dlo_ros.vision.space.spatial_credibility import UNDETERMINED
 from dlo_ros.vision.space.spatial_result import SpaceFit
 from dlo_ros.vision.space.view import View
 
 DENSE = 401  # points by which the published spline is fitted
+LARGEST_POINT_STD = (0.5, 0.005)
+"""Of the diameter and of L, the larger one: a point known less well across may lie beside the DLO,
+and says nothing of its shape."""
 PER_SPAN = 1.0  # published points in a knot span of the fine spline: more would not be independent
 
 
 def publish(
-    stamp: int, fit: SpaceFit, basis: SplineBasis, seen: Mask, end_stds: tuple[float, float]
+    stamp: int,
+    fit: SpaceFit,
+    basis: SplineBasis,
+    seen: Mask,
+    end_stds: tuple[float, float],
+    diameter: float,
 ) -> Observation:
     """The published spline and the points behind it.
 
     The std of a point is the root mean square of those in the two directions across the DLO; that
-    along it is the std of u.
+    along it is the std of u. Places whose depth nothing determines well, as along the epipolar
+    lines, have no point: the spline continues there.
 
     Args:
         stamp: stamp of the pictures [ns].
@@ -37,9 +47,10 @@ def publish(
         seen: whether anything was seen at each of equal steps of u.
         end_stds: standard deviations of start and end along the DLO [m]; infinite where they are
             not known.
+        diameter: diameter of the DLO [m].
 
     Raises:
-        VisionError: hardly anything was seen.
+        VisionError: hardly anything was seen, or nothing determines the depth.
     """
     length = basis.length
     u = np.linspace(0.0, length, DENSE)
@@ -50,13 +61,17 @@ def publish(
     count = max(FEWEST_POINTS + 1, round(PER_SPAN * fit.basis.spans)) + 1
     at = np.linspace(0.0, length, count)
     shown = _at(seen, at, length)
-    at = at[shown]
-    if len(at) < FEWEST_POINTS:
+    if np.count_nonzero(shown) < FEWEST_POINTS:
         raise VisionError("hardly anything of the DLO is visible")
-    values, slopes = (fit.basis.grid(count, order)[shown] for order in (0, 1))
+    values, slopes = (fit.basis.grid(count, order) for order in (0, 1))
     covariance, tangent = fit.covariance_of(values), fit.tangents_of(slopes)
     along = np.einsum("ma,mab,mb->m", tangent, covariance, tangent)
     across = np.maximum(np.trace(covariance, axis1=1, axis2=2) - along, 0.0) / 2.0
+    limit = max(LARGEST_POINT_STD[0] * diameter, LARGEST_POINT_STD[1] * length)
+    shown &= across < limit**2
+    if np.count_nonzero(shown) < FEWEST_POINTS:
+        raise VisionError(UNDETERMINED)
+    at, across, values = at[shown], across[shown], values[shown]
     shift = np.zeros((2, 2))
     shift[[0, 1], [0, 1]] = [1.0 / max(std, 1e-9) ** 2 for std in end_stds]
     shift += np.array([[1.0, -1.0], [-1.0, 1.0]]) / (SHARED_STD * length) ** 2

@@ -32,6 +32,10 @@ FAR_FROM_CLAMP = 4.0  # [diameters] that an end may lie from its clamp
 DIFFERENT = 2.0  # [diameters] two shapes that are nowhere further apart are one
 EVEN = 0.02  # [widths] points beside the spline by less are no evidence against it
 JUDGED = 15  # places of which the std is looked at
+UNDETERMINED = (
+    "the pictures do not determine the depth: the DLO runs along the epipolar lines, or "
+    "the cameras stand too close to one another"
+)
 LARGEST_STD = 0.02  # of L: where nothing determines the depth better, median over the DLO
 
 
@@ -85,7 +89,8 @@ def check(views: Sequence[View], fit: SpaceFit, clamps: Clamps, diameter: float)
             f"two views share only {100 * np.mean(several):.0f} % of the DLO, at least "
             f"{100 * LEAST_BY_SEVERAL:.0f} % are needed"
         )
-    for view, residual in zip(views, fit.residuals, strict=True):
+    for view, residual, weight in zip(views, fit.residuals, fit.weights, strict=True):
+        residual = residual[weight > 0.0]
         beside = np.abs(residual) > BESIDE * view.width
         inner = residual[~beside] / view.width
         if np.mean(beside) > MOST_BESIDE or np.sqrt(np.mean(inner**2)) > LARGEST_RESIDUAL:
@@ -112,10 +117,7 @@ def check(views: Sequence[View], fit: SpaceFit, clamps: Clamps, diameter: float)
     covariance = fit.covariance_of(fit.basis.grid(JUDGED))
     std = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 3.0)
     if float(np.median(std)) > LARGEST_STD * length:
-        raise VisionError(
-            "the pictures do not determine the depth: the DLO runs along the epipolar lines, or "
-            "the cameras stand too close to one another"
-        )
+        raise VisionError(UNDETERMINED)
 
 
 def evidence(views: Sequence[View], fit: SpaceFit, rod: RodParameters) -> float:
@@ -133,8 +135,9 @@ def evidence(views: Sequence[View], fit: SpaceFit, rod: RodParameters) -> float:
     likely = bending_evidence(curve, rod.diameter)
     likely += float(length_log_likelihood(seen, rod.length, rod.length_std))
     count = rod.length / (BEND * rod.diameter)
-    for view, residual in zip(views, fit.residuals, strict=True):
-        square = float(np.mean(np.minimum(np.abs(residual) / view.width, BESIDE) ** 2))
+    for view, residual, weight in zip(views, fit.residuals, fit.weights, strict=True):
+        away = np.abs(residual[weight > 0.0]) / view.width
+        square = float(np.mean(np.minimum(away, BESIDE) ** 2))
         likely -= 0.5 * count * math.log(square + EVEN**2)
     return likely
 

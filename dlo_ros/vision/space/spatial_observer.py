@@ -370,7 +370,7 @@ class SpaceObserver:
         check(views, fit, clamps, diameter)
         seen, several = seen_by(views, fit, self._fine.length)
         ends = end_stds(views, clamps, diameter)
-        observation = publish(stamp, fit, self.basis, seen, ends)
+        observation = publish(stamp, fit, self.basis, seen, ends, diameter)
         curve = self._values @ fit.points
         shown: dict[str, VisionResult] = {}
         for k, (name, one) in enumerate(measured.items()):
