@@ -118,7 +118,8 @@ def fit_views(
             seen = _project(view, u, table, points, velocity, drift)
             on = seen.on(u, length)
             std = np.hypot(_scatter(seen.across, freedom, SAMPLING_STD, view.width), view.shared)
-            on &= ~_odd_width(view, seen.depth)
+            if view.apart is not None:
+                on &= ~_odd_width(view.apart, seen.depth)
             weight = np.where(on, _student(seen.across / std), 0.0)
             others = None
             if moving:
@@ -238,7 +239,8 @@ def _scatter(residual: FloatArray, freedom: float, floor: float, width: float) -
     return result
 
 
-def _odd_width(view: View, depth: FloatArray) -> Mask:
+@njit()
+def _odd_width(apart: FloatArray, depth: FloatArray) -> Mask:
     """Mask of the points whose edges are not those of one DLO.
 
     Where two strands of one look lie on one another, an edge of each is seen: the middle is shifted
@@ -246,16 +248,19 @@ def _odd_width(view: View, depth: FloatArray) -> Mask:
     it does not show.
 
     Args:
-        view: view with the distance of the edges.
-        depth: depth of the DLO at its points [m], shape (m,).
+        apart: distance of the edges [px], NaN where it is unknown, shape (m,).
+        depth: depth of the DLO there [m], shape (m,).
     """
-    size = np.full(len(depth), np.nan) if view.apart is None else view.apart * depth
+    result = np.zeros(len(apart), dtype=np.bool_)
+    size = apart * depth
     known = np.isfinite(size)
-    if np.count_nonzero(known) < WINDOW:
-        return np.zeros(len(depth), dtype=np.bool_)
-    change = np.where(known, np.abs(size / np.median(size[known]) - 1.0), 0.0)
-    spread = 1.4826 * float(np.median(change[known]))
-    return np.asarray(change > max(ODD_WIDTH * spread, LEAST_ODD_WIDTH), dtype=np.bool_)
+    if np.sum(known) < WINDOW:
+        return result
+    change = np.abs(size / np.median(size[known]) - 1.0)
+    limit = max(ODD_WIDTH * 1.4826 * np.median(change[known]), LEAST_ODD_WIDTH)
+    for i in range(len(apart)):
+        result[i] = known[i] and change[i] > limit
+    return result
 
 
 def _pixels(views: Sequence[View], moved: FloatArray) -> float:
