@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Values of a spline basis from a table, many times faster than anew."""
+"""Values of a spline basis from a table, or in compiled code: many times faster than SciPy's."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.kernel_cache import njit
+from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
 
 PER_SPAN = 100  # rows of the table in a knot span: interpolated they are right to 1e-5
 
@@ -58,3 +59,35 @@ class BasisTable:
         row = np.clip(at.astype(np.int64), 0, len(table) - 2)
         share = (at - row)[:, None]
         return np.asarray((1.0 - share) * table[row] + share * table[row + 1])
+
+
+def basis_functions(basis: SplineBasis, u: FloatArray) -> FloatArray:
+    """Basis functions at u, as `SplineBasis.matrix`, shape (m, k).
+
+    Args:
+        basis: spline basis of k control points.
+        u: material coordinates [m], shape (m,); values outside [0, L] are clipped to it.
+    """
+    return np.asarray(_basis_functions(np.clip(u, 0.0, basis.length), basis.knots))
+
+
+@njit()
+def _basis_functions(u: FloatArray, knots: FloatArray) -> FloatArray:
+    """The recursion of de Boor, A practical guide to splines, 1978, chapter X, for each u."""
+    count = len(knots) - DEGREE - 1
+    result = np.zeros((len(u), count))
+    values, before = np.zeros(DEGREE + 1), np.zeros(DEGREE + 1)
+    for i in range(len(u)):
+        span = min(max(np.searchsorted(knots, u[i], side="right") - 1, DEGREE), count - 1)
+        values[0] = 1.0
+        for order in range(1, DEGREE + 1):
+            before[:order] = values[:order]
+            values[0] = 0.0
+            for n in range(1, order + 1):
+                high, low = knots[span + n], knots[span + n - order]
+                share = before[n - 1] / (high - low)
+                values[n - 1] += share * (high - u[i])
+                values[n] = share * (u[i] - low)
+        for n in range(DEGREE + 1):
+            result[i, span - DEGREE + n] = values[n]
+    return result

@@ -6,7 +6,7 @@ import pytest
 
 from dlo_ros.parameters import CameraPose
 from dlo_ros.spline import SplineBasis
-from dlo_ros.spline_table import BasisTable
+from dlo_ros.spline_table import BasisTable, basis_functions
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.space.normal_equations import SplineNormalEquations, leverage, mirrored
 from dlo_ros.vision.space.view import View
@@ -42,6 +42,11 @@ def test_rows_are_summed_as_whole_ones_would_be():
     right = -sum(r.T @ (weight * residual) for r in (whole, without))
     assert equations.matrix == pytest.approx(matrix, rel=1e-12, abs=1e-12)
     assert equations.right == pytest.approx(right, rel=1e-12, abs=1e-12)
+
+
+def test_compiled_basis_functions_are_those_of_scipy():
+    u = np.concatenate([np.linspace(-0.01, 0.41, 300), [0.0, LENGTH], BASIS.knots])
+    assert np.array_equal(basis_functions(BASIS, u), BASIS.matrix(u))
 
 
 def test_leverage_is_the_trace_of_the_weighted_covariance_of_what_is_observed():

@@ -16,6 +16,7 @@ from scipy.linalg import solveh_banded
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import DEGREE, FloatArray
+from dlo_ros.vision.segmentation.medians import median
 
 PENALTY = 1e-6
 HUBER = 1.5
@@ -108,7 +109,7 @@ def smooth(
         _penalise(bands, PENALTY * scale)
         curve = SmoothCurve(knots, np.ascontiguousarray(solveh_banded(bands, right, lower=True)))
         distance = _distances(first, basis, curve.coefficients, points)
-        spread = 1.4826 * float(np.median(distance[judged])) / 0.9  # of one component, roughly
+        spread = 1.4826 * median(distance[judged]) / 0.9  # of one component, roughly
         limit = HUBER * max(spread, 1e-12)
         new = np.where(distance > limit, limit / np.maximum(distance, 1e-300), 1.0)
         if np.max(np.abs(new - weights), initial=0.0) < 0.05:

@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 from dlo_ros.errors import VisionError
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.spline_table import basis_functions
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.fit.material_coordinates import GAP_STD, Ends, std_along
 from dlo_ros.vision.fit.smoothing_spline import SmoothCurve, Support, smooth
 from dlo_ros.vision.segmentation.edge_profile import SAMPLING_STD, Located
+from dlo_ros.vision.segmentation.medians import median
 from dlo_ros.vision.segmentation.picture_strip import Mask
 
 KNOT_SPAN = 3.0  # [widths] of the fine curve
@@ -140,7 +142,7 @@ def fit_spline(
 
     weights = np.where(grid_seen, 1.0, UNSEEN_WEIGHT)
     weights[[0, -1]] = 0.05 * len(grid)
-    b = basis.matrix(dense_u)
+    b = basis_functions(basis, dense_u)
     flat = basis.least_squares(b, dense, weights)
     normals = _normals(curve(grid, 1))
     beside = np.sum((dense - b @ flat) * normals, axis=1)
@@ -298,7 +300,7 @@ def _points_with_std(
     offset = mean(across)
     # The fine curve follows part of the scatter: one coefficient for KNOT_SPAN widths.
     freedom = max(0.3, 1.0 - size / max(size, KNOT_SPAN * located.width / located.spacing))
-    usual = 1.4826 * float(np.median(np.abs(offset))) / np.sqrt(freedom)
+    usual = 1.4826 * median(np.abs(offset)) / np.sqrt(freedom)
     local = np.sqrt(np.convolve(np.minimum(np.abs(offset), 6 * usual) ** 2, np.ones(7), "same") / 7)
     std = np.sqrt(
         np.maximum(usual, 0.7 * local / np.sqrt(freedom)) ** 2

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.ndimage import median_filter
 
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.edge_levels import doubt_of_middle
@@ -29,6 +28,7 @@ from dlo_ros.vision.segmentation.edge_search import (
     slope_towards,
     steepest_change,
 )
+from dlo_ros.vision.segmentation.medians import median, median_filter
 from dlo_ros.vision.segmentation.picture_strip import (
     CORE,
     Float32,
@@ -161,7 +161,7 @@ def locate(
         known_width: the edges lie the width apart to a tenth; what lies otherwise is none.
         tones: whether the DLO changes its colour along itself.
     """
-    spacing = float(np.median(np.hypot(*np.diff(curve, axis=0).T)))
+    spacing = median(np.hypot(*np.diff(curve, axis=0).T))
     normals = normals_of(smooth_curve(curve, width / spacing))
     step = float(np.clip(width / 12.0, 0.5, 1.5))
     reach = int(np.ceil(1.15 * width / step))
@@ -181,7 +181,7 @@ def locate(
     core_right = mean(0.05, CORE) if known_width else core
     contrast_left = np.linalg.norm(core_left - left, axis=1)
     contrast_right = np.linalg.norm(core_right - right, axis=1)
-    usual = float(np.median(np.minimum(contrast_left, contrast_right)))
+    usual = median(np.minimum(contrast_left, contrast_right))
     usual = max(usual, 1.0)
     typical = np.median(core, axis=0) if colour is None else colour
     middle = np.zeros(len(curve))
@@ -210,14 +210,14 @@ def locate(
         found_right &= contrast_right > WEAK_SIDE * usual
         both = found_left & found_right
         if np.any(both):
-            measured = 0.5 * float(np.median((edge_right - edge_left)[both]))
+            measured = 0.5 * median((edge_right - edge_left)[both])
             low, high = KNOWN_HALF if known_width else FREE_HALF
             half = float(np.clip(measured, low * width, high * width))
             # Edges that do not lie the width apart: one of them is something else's.
             one_sided = abs(measured - 0.5 * width) if measured != half else 0.0
         middle, seen = middle_of(edge_left, found_left, edge_right, found_right, half)
         size = max(3, 2 * round(width / spacing) + 1)
-        middle = median_filter(filled(middle, seen), size=size, mode="nearest")
+        middle = median_filter(filled(middle, seen), size)
     middle, seen = middle_of(edge_left, found_left, edge_right, found_right, half)
     seen &= ~(both & odd_width(edge_right - edge_left, both, width / spacing))
     nearer = np.minimum(contrast_left, contrast_right)
@@ -258,7 +258,7 @@ def locate(
         np.asarray(typical, dtype=np.float64),
         spacing,
         edge_std,
-        float(np.median(np.linalg.norm(left - right, axis=1))) / usual,
+        median(np.linalg.norm(left - right, axis=1)) / usual,
         blur_length(ramp, step),
         np.hypot(np.hypot(lopsided, one_sided), unsure),
         known_width,

@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import median_filter, minimum_filter1d
+from scipy.ndimage import minimum_filter1d
 
 from dlo_ros.spline import FloatArray
+from dlo_ros.vision.segmentation.medians import median, median_filter
 from dlo_ros.vision.segmentation.picture_strip import Mask
 
 WIDTH_WINDOW = 8.0  # [widths] to each side, for the usual distance of the edges
@@ -17,7 +18,7 @@ def running_median(values: FloatArray, size: int) -> FloatArray:
     index = np.arange(len(values))
     size = min(len(values), size)
     step = max(1, size // 32)
-    some = median_filter(values[::step], size=max(3, size // step), mode="reflect")
+    some = median_filter(values[::step], max(3, size // step), reflect=True)
     return np.asarray(np.interp(index, index[::step], some))
 
 
@@ -25,7 +26,7 @@ def robust_std(values: FloatArray) -> float:
     """Standard deviation by the median absolute deviation; infinite without values."""
     if len(values) == 0:
         return float("inf")
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+    return 1.4826 * median(np.abs(values - median(values)))
 
 
 def odd_width(width: FloatArray, both: Mask, profiles: float) -> Mask:
@@ -40,7 +41,7 @@ def odd_width(width: FloatArray, both: Mask, profiles: float) -> Mask:
         return result
     usual = running_median(width[index], 2 * round(WIDTH_WINDOW * profiles) + 1)
     difference = np.abs(width[index] - usual)
-    spread = 1.4826 * float(np.median(difference))
+    spread = 1.4826 * median(difference)
     result[index] = difference > 4.0 * spread + 0.1 + 0.006 * usual
     return result
 
@@ -89,7 +90,7 @@ def outliers(middle: FloatArray, seen: Mask, width: float, spacing: float) -> Ma
         return result
     size = min(len(index), 2 * max(2, round(1.5 * width / spacing)) + 1)
     values = middle[index]
-    residual = values - median_filter(values, size=size, mode="nearest")
-    spread = 1.4826 * float(np.median(np.abs(residual))) + 0.02 * width + 0.05
+    residual = values - median_filter(values, size)
+    spread = 1.4826 * median(np.abs(residual)) + 0.02 * width + 0.05
     result[index] = np.abs(residual) > 6.0 * spread
     return result

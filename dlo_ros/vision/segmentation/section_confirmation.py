@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.spline import FloatArray
+from dlo_ros.vision.segmentation.medians import median
 from dlo_ros.vision.segmentation.picture_strip import Mask
 from dlo_ros.vision.segmentation.profile_masks import eroded
 
@@ -96,7 +97,7 @@ def _scatter(points: FloatArray, normals: FloatArray, sure: Mask, lag: int) -> f
         return float("inf")
     fourth = sum(c * points[part] for c, part in zip(FOURTH, parts, strict=True))
     across = np.sum(fourth * normals[parts[2]], axis=1)[whole]
-    return 1.4826 * float(np.median(np.abs(across)) / np.linalg.norm(FOURTH))
+    return 1.4826 * float(median(np.abs(across)) / np.linalg.norm(FOURTH))
 
 
 def _runs(mask: Mask) -> np.ndarray:
