@@ -52,7 +52,7 @@ $(INSTALLED): requirements.lock setup.cfg setup.py
 	$(BIN)/pip install --quiet --no-compile --no-deps --no-build-isolation --editable .
 	@touch $@
 
-$(COMPILED): $(INSTALLED) $(wildcard dlo_ros/interpolation.py dlo_ros/kernel_*.py dlo_ros/rod/*.py dlo_ros/rod/*/*.py dlo_ros/vision/*.py dlo_ros/vision/*/*.py dlo_ros/synthesis/*.py)
+$(COMPILED): $(INSTALLED) $(wildcard dlo_ros/interpolation.py dlo_ros/spline_table.py dlo_ros/kernel_*.py dlo_ros/rod/*.py dlo_ros/rod/*/*.py dlo_ros/vision/*.py dlo_ros/vision/*/*.py dlo_ros/synthesis/*.py)
 	$(BIN)/python -m dlo_ros.compile
 	@touch $@
 

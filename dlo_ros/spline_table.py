@@ -76,18 +76,18 @@ def _basis_functions(u: FloatArray, knots: FloatArray) -> FloatArray:
     """The recursion of de Boor, A practical guide to splines, 1978, chapter X, for each u."""
     count = len(knots) - DEGREE - 1
     result = np.zeros((len(u), count))
-    values, before = np.zeros(DEGREE + 1), np.zeros(DEGREE + 1)
+    values = np.zeros(DEGREE + 1)
     for i in range(len(u)):
         span = min(max(np.searchsorted(knots, u[i], side="right") - 1, DEGREE), count - 1)
         values[0] = 1.0
         for order in range(1, DEGREE + 1):
-            before[:order] = values[:order]
-            values[0] = 0.0
-            for n in range(1, order + 1):
-                high, low = knots[span + n], knots[span + n - order]
-                share = before[n - 1] / (high - low)
-                values[n - 1] += share * (high - u[i])
-                values[n] = share * (u[i] - low)
+            carried = 0.0
+            for n in range(order):
+                high, low = knots[span + n + 1], knots[span + n + 1 - order]
+                share = values[n] / (high - low)
+                values[n] = carried + share * (high - u[i])
+                carried = share * (u[i] - low)
+            values[order] = carried
         for n in range(DEGREE + 1):
             result[i, span - DEGREE + n] = values[n]
     return result
