@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -124,6 +124,11 @@ class ParametricModel:
         for p, x in zip(self.parameters, theta, strict=True):
             settings = with_value(settings, p.name, p.outer(float(x)))
         return replace(self, settings=settings)
+
+    def centred(self, names: Collection[str]) -> ParametricModel:
+        """The model with some of its parameters at the centres of their priors."""
+        pairs = zip(self.parameters, self.theta(), strict=True)
+        return self.at(np.array([p.centre if p.name in names else x for p, x in pairs]))
 
     def chain(self) -> FloatArray:
         """Derivative of a simulation's parameter by that of the inference, shape (P,)."""

@@ -14,14 +14,14 @@ from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation
 from dlo_ros.diagnosis.explain.measurement_error import _along, _staying
 from dlo_ros.diagnosis.findings import joint_outcome
-from dlo_ros.diagnosis.findings.holdout import held_out_recording
+from dlo_ros.diagnosis.findings.holdout import held_out_recording, refitted
 from dlo_ros.diagnosis.findings.joint_learning import (
     Learned,
     nearer,
     surprising,
     training_set,
 )
-from dlo_ros.diagnosis.findings.joint_outcome import _completed, _unseeing, _verdict
+from dlo_ros.diagnosis.findings.joint_outcome import _completed, _verdict
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.inference.smooth_modes import whitening
@@ -317,14 +317,14 @@ def test_the_plain_model_has_not_seen_what_is_held_out():
     turned, _ = moving("simple", {"clamp_angle": {"start": 0.2}}, 13)
     both, alone = begin([good, turned], given), begin([good], given)
     masks = [
-        np.full(len(r.times), held) for r, held in zip(both.recordings, (False, True), strict=True)
+        np.full(len(r.times), seen) for r, seen in zip(both.recordings, (True, False), strict=True)
     ]
 
     def stiffness(settings):
         return np.log(settings.rod.specific_modulus / alone.at.model.settings.rod.specific_modulus)
 
     assert abs(stiffness(both.at.model.settings)) > 0.03
-    assert abs(stiffness(_unseeing(both.at.model, both.recordings, masks, 0.0).settings)) < 0.02
+    assert abs(stiffness(refitted(both.at.model, both.recordings, masks, 0.0).settings)) < 0.02
 
 
 @pytest.mark.slow

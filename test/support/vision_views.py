@@ -44,7 +44,7 @@ def rope(direction=(1.0, 0.0, 0.0), bulge=0.05):
 
 
 def view(of, points, rng, std=0.1, low=0.0, high=LENGTH, count=100, dt=0.0, depth=None):
-    """What a camera measures of a curve, with noise across it."""
+    """A camera's measurement of a curve, with noise across it."""
     u = np.linspace(low, high, count)
     place, ahead = (of.rays(of.project(FINE.evaluate(points, at))) for at in (u, u + 1e-4))
     ahead[-1] = 2 * place[-1] - of.rays(of.project(FINE.evaluate(points, u[-1:] - 1e-4)))[0]

@@ -245,10 +245,7 @@ def _new(predictions: Sequence[PredictedGain], known: set[str]) -> list[Predicte
 
 def _with_neutral(at: Evaluation, model: ParametricModel, group: Proposal) -> ParametricModel:
     """A model with a group at neutral, and the other parameters as `_beside_neutral` says."""
-    theta = _beside_neutral(at, model, group).theta()
-    for p in group.parameters:
-        theta[model.index(p.name)] = p.centre
-    return model.at(theta)
+    return _beside_neutral(at, model, group).centred([p.name for p in group.parameters])
 
 
 def _beside_neutral(at: Evaluation, model: ParametricModel, group: Proposal) -> ParametricModel:
@@ -316,11 +313,8 @@ def without(
 def _neutral(model: ParametricModel, cause: Proposal) -> ParametricModel:
     """The model without a cause; a damping has the parameter file's value again, and keeps it."""
     names = [p.name for p in cause.parameters if p.effect]
-    guessed = {p.name: p for p in cause.parameters if not p.effect}
-    theta = model.theta()
-    for name, p in guessed.items():
-        theta[model.index(name)] = p.centre
-    model = model.at(theta).without(names)
+    guessed = [p.name for p in cause.parameters if not p.effect]
+    model = model.centred(guessed).without(names)
     return replace(model, parameters=tuple(p for p in model.parameters if p.name not in guessed))
 
 

@@ -34,10 +34,7 @@ TIGHT = 1e-4
 
 def exact(model: ParametricModel) -> ParametricModel:
     """The model with its set-up held at neutral."""
-    theta = model.theta()
-    for k, p in enumerate(model.parameters):
-        theta[k] = p.centre if p.tolerated else theta[k]
-    return _tightened(model.at(theta), TIGHT)
+    return _tightened(model.centred([p.name for p in model.parameters if p.tolerated]), TIGHT)
 
 
 def opened(at: Evaluation) -> Evaluation:

@@ -45,11 +45,8 @@ def refitted(
     if found.mean_err < material_err or not dampings:
         return found.model
     held = found.model.with_prior([p.held() for p in dampings])
-    theta = held.theta()
-    for p in dampings:
-        theta[held.index(p.name)] = p.centre
     try:
-        guessed = fitted(held.at(theta), chosen)
+        guessed = fitted(held.centred([p.name for p in dampings]), chosen)
     except SimulationError:
         return found.model
     needed = found.mean_err <= (1.0 - LOWERS) * guessed.mean_err

@@ -132,7 +132,8 @@ def joint_outcome(
     found, at, shown = final.found, final.at, final.shown
     own = own_err(at, first) if len(at.err) == len(first) else found.own_err
     matters = material_err(own, given)
-    bare_model = _unseeing(plain.model, first, learned.masks[: len(first)], matters)
+    seen = [~mask for mask in learned.masks[: len(first)]]
+    bare_model = holdout.refitted(plain.model, first, seen, matters)
     before = errors_of(bare_model, recordings, learned.masks)
     immaterial = plain.mean_err < matters
     suffices = not found.causes and (immaterial or _no_nearer(final.learned.seen, before[1]))
@@ -254,15 +255,6 @@ def _extended(final: _Final, errors: _Errors, given: Settings) -> Fitted:
     )  # fmt: skip
     named = [c.effect for c in final.found.causes]
     return replace(fitted, settings=damping_as_effects(final.at.model.settings, given, named))
-
-
-def _unseeing(
-    model: ParametricModel, recordings: Sequence[Recording], masks: Sequence[np.ndarray],
-    matters: float,
-) -> ParametricModel:  # fmt: skip
-    """The plain model fitted to the frames that are not held out."""
-    found = holdout.refitted(model, recordings, [~m for m in masks], matters)
-    return ParametricModel(found.settings, ())
 
 
 def _completed(at: Evaluation, recordings: Sequence[Recording], known: Sequence[int]) -> Evaluation:

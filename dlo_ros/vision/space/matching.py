@@ -22,8 +22,8 @@ SAMPLES = 160  # points of a centreline that are matched
 FARTHEST = 12.0  # [px] a larger distance from the epipolar line costs no more
 MATCHED = 4.0  # [px] root mean square distance from the epipolar lines, beyond which none match
 MATCHED_LENGTHS = (-0.35, 0.2)
-"""Of L, by which a match may be too short or too long: where nothing determines the depth, as along
-the epipolar lines or towards a camera, the smoothest curve is the shortest."""
+"""Shares of L by which a match may be too short or too long: where nothing determines the depth, as
+along the epipolar lines or towards a camera, the smoothest curve is the shortest."""
 LENGTH_STD = 0.05  # of L: the same of a match that is right
 WAITING = 0.4  # [px^2] cost of a step along one centreline alone
 ROUGH_SPANS = 9  # of the spline through the matched points

@@ -21,8 +21,8 @@ from dlo_ros.vision.space.view import View
 
 DENSE = 401  # points by which the published spline is fitted
 LARGEST_POINT_STD = (0.5, 0.005)
-"""Of the diameter and of L, the larger one: a point known less well across may lie beside the DLO,
-and says nothing of its shape."""
+"""Shares of the diameter and of L, of which the larger is the largest std of a published point: one
+known less well across may lie beside the DLO, and says nothing of its shape."""
 PER_SPAN = 1.0  # published points in a knot span of the fine spline: more would not be independent
 
 

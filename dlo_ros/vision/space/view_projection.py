@@ -157,8 +157,8 @@ def _project(
             speed[i] += along_row[c] * slope[c]
             aside += across_rows[i, c] * slope[c]
             climb += forward * slope[c]
-        # What moves the spline along the centreline brings another part of it beside the point,
-        # which lies further across where both are not parallel.
+        # A move of the spline along the centreline brings another part of it beside the point,
+        # and that part lies further across where both are not parallel.
         if sliding and abs(aside) < abs(speed[i]):
             for c in range(3):
                 across_rows[i, c] -= aside / speed[i] * along_row[c]
