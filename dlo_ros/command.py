@@ -7,13 +7,13 @@ Stamps are integer nanoseconds as in ROS; times within a command are seconds fro
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
 
 from dlo_ros.errors import CommandError
-from dlo_ros.interpolation import sample
+from dlo_ros.interpolation import sample, sample_positions
 from dlo_ros.spline import FloatArray
 
 START = "start"
@@ -112,6 +112,28 @@ class Command:
         )
         return position, rotation
 
+    def positions_at(self, times: FloatArray) -> FloatArray:
+        """Imposed positions [m] at times [s] from the start, shape (S, K, 3)."""
+        result = np.empty((len(times), len(self.names), 3))
+        sample_positions(self.times, self.positions, self.rotations, self.velocities, times, result)
+        return result
+
+    def led_through(
+        self, *, positions: FloatArray | None = None, rotations: FloatArray | None = None
+    ) -> Command:
+        """The command with other poses, which are not checked: as many, finite, of unit norm.
+
+        Args:
+            positions, rotations: see the class; default: as they are.
+        """
+        given = {key: self.__dict__[key] for key in _FIELDS}
+        twin = object.__new__(Command)
+        twin.__dict__.update(given)
+        for key, value in (("positions", positions), ("rotations", rotations)):
+            if value is not None:
+                twin.__dict__[key] = value
+        return twin
+
     def turning_at_most(self, angle: float) -> Command:
         """The motion with so many points that no clamp turns further between two of them.
 
@@ -196,6 +218,9 @@ class Command:
     def end_stamp(self) -> int:
         """Stamp [ns] after which the values hold."""
         return self.stamp + round(float(self.times[-1]) * NANOSECONDS)
+
+
+_FIELDS = tuple(f.name for f in fields(Command))
 
 
 @dataclass

@@ -53,6 +53,19 @@ def sample(times, positions, rotations, velocities, time, position, rotation):
         _normalise(rotation[k])
 
 
+@linked(from_python=True)
+def sample_positions(times, positions, rotations, velocities, instants, result):
+    """Positions of a trajectory at several times; see `sample`.
+
+    Args:
+        instants: [s], shape (S,).
+        result: output, shape (S, K, 3).
+    """
+    rotation = np.empty((result.shape[1], 4))
+    for k in range(instants.size):
+        sample(times, positions, rotations, velocities, instants[k], result[k], rotation)
+
+
 @linked()
 def _slerp(a, b, s, out):
     """Spherical interpolation the short way round."""

@@ -119,20 +119,22 @@ class SplineBasis:
         """Value (or derivative) of the spline at u, shape (m, d)."""
         return self.matrix(u, derivative) @ control_points
 
+    @lru_cache(maxsize=64)  # noqa: B019 - see `grid`
     def quadrature(self, points: int = ORDER) -> tuple[FloatArray, FloatArray]:
-        """Gauss-Legendre rule on every knot span.
+        """Gauss-Legendre rule on every knot span, kept.
 
         Args:
             points: points per span; the default integrates products of two basis functions exactly.
 
         Returns:
-            Abscissae u [m] and weights [m], each of shape (spans * points,).
+            Abscissae u [m] and weights [m], each of shape (spans * points,), read-only.
         """
         x, w = _gauss(points)
         h = self.span_length
         left = np.arange(self.spans)[:, None] * h
-        u = (left + 0.5 * h * (x + 1.0)).ravel()
-        return u, np.tile(0.5 * h * w, self.spans)
+        u, weight = (left + 0.5 * h * (x + 1.0)).ravel(), np.tile(0.5 * h * w, self.spans)
+        u.flags.writeable = weight.flags.writeable = False
+        return u, weight
 
     @cached_property
     def gram(self) -> FloatArray:

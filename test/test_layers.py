@@ -43,6 +43,7 @@ INSIDE = {
     "rod": (
         ("simd", "parameter_names"),
         ("elements",),
+        ("discretisation",),
         ("boundary", "model"),
         ("solve",),
         ("sensitivity",),

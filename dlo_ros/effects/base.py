@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from functools import cache
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -312,6 +313,7 @@ class Effect:
         return points
 
     @classmethod
+    @cache
     def quantities(cls) -> tuple[Quantity, ...]:
         """The effect's parameters."""
         return tuple(described(f) for f in fields(cls))  # type: ignore[arg-type]  # a dataclass

@@ -9,7 +9,8 @@ import logging
 import math
 import pkgutil
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import cache, lru_cache
+from types import MappingProxyType
 from typing import Any
 
 from dlo_ros.effects import measurement, physics
@@ -66,7 +67,12 @@ def quantities(name: str) -> Mapping[str, Quantity]:
         raise ParameterError(
             f"effects.{name}: there is no effect '{name}'; known are {', '.join(sorted(known))}"
         )
-    return {q.name: q for q in known[name].quantities()}
+    return _by_key(known[name])  # type: ignore[arg-type]  # classes are hashable
+
+
+@cache
+def _by_key(effect: type[Effect]) -> Mapping[str, Quantity]:
+    return MappingProxyType({q.name: q for q in effect.quantities()})
 
 
 def check(name: str, key: str, value: Any) -> float | tuple[float, ...]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from dlo_ros.effects.quantity import RopeScale
 from dlo_ros.spline import FloatArray
@@ -77,6 +78,13 @@ class Scene:
 def rotation_vector(angle: float | tuple[float, ...]) -> FloatArray:
     """The rotation about x, y, z [rad], shape (3,), of an angle about y or of all three."""
     return np.array(angle if isinstance(angle, tuple) else (0.0, angle, 0.0), dtype=np.float64)
+
+
+def turned(turn: Rotation, quaternions: FloatArray) -> FloatArray:
+    """Quaternions x y z w (T, 4), each followed by a further rotation; their norms stay."""
+    x, y, z, w = turn.as_quat()
+    product = np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]])
+    return np.asarray(quaternions @ product.T)
 
 
 def at_clamps(effect: str, scene: Scene, nothing: Value = 0.0) -> list[Start]:

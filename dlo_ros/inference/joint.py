@@ -100,7 +100,7 @@ def simulate(
         scale = np.array([chain[name] for name in wanted])
         here = field(recording, found.predicted, found.sensitivity, scale)
         if _boundless(here[1], model, wanted):
-            here = here[0], _differences(model, recording, wanted, here[0])
+            here = here[0], differences(model, recording, wanted, here[0])
         fields.append(here)
         errs.append(found.err)
         predictions.append(found.predicted)
@@ -118,12 +118,16 @@ def _boundless(jacobian: FloatArray, model: ParametricModel, names: Sequence[str
     return bool(moves.size) and not float(moves.max()) <= model.settings.rod.length
 
 
-def _differences(
+def differences(
     model: ParametricModel, recording: Recording, names: Sequence[str], residual: FloatArray
 ) -> FloatArray:
     """Derivatives as differences over steps that can be seen, shape (F, P, K).
 
     They are zero by a parameter with which nothing can be simulated on either side.
+
+    Args:
+        names: P parameters of the model.
+        residual: residual of the model on the recording [m], shape (F, K).
     """
 
     def column(name: str) -> FloatArray:

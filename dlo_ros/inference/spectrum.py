@@ -10,7 +10,7 @@ bin their variance is one number. The normal equations of each bin are all that 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from itertools import pairwise
 
@@ -64,12 +64,10 @@ class Spectrum:
 
     def chosen(self, columns: Sequence[int]) -> Spectrum:
         """The spectrum of some of the parameters."""
-        pick = list(columns)
-        return Spectrum(
-            self.frames, self.count, self.sum_of_squares, self.gradient[:, pick],
-            self.hessian[:, pick][:, :, pick], self.part, self.share, self.white, self.nodal,
-            self.frequency, self.still,
-        )  # fmt: skip
+        pick = np.array(columns, dtype=np.int64)
+        return replace(
+            self, gradient=self.gradient[:, pick], hessian=self.hessian[:, pick[:, None], pick]
+        )
 
 
 def joined(spectra: Sequence[Spectrum]) -> Spectrum:

@@ -9,8 +9,10 @@ import numpy as np
 
 from dlo_ros.command import NANOSECONDS
 from dlo_ros.effects import Effect, build
+from dlo_ros.effects.base import MEASUREMENT
+from dlo_ros.rod.parameter_names import acts_on
 from dlo_ros.rod.sensitivity_parameters import STEP, varied
-from dlo_ros.rod_settings import EFFECTS_PREFIX, RodSettings
+from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import FloatArray
 
 
@@ -20,18 +22,22 @@ class MeasurementMap:
     Args:
         settings: settings whose effects on the measurement count.
         parameters: parameters whose sensitivities are wanted, see `sensitivity_parameters`.
+
+    Attributes:
+        later: delay of the measurement after the simulated instant [ns].
+        later_rate: derivatives of that delay by the parameters [s], shape (P,).
     """
 
     def __init__(self, settings: RodSettings, parameters: Sequence[str] = ()) -> None:
         self._effects = build(settings.effects)
         self._map, self._shift = _affine(self._effects)
+        self.later = round(sum(e.later() for e in self._effects) * NANOSECONDS)
         count = len(parameters)
-        # Derivatives of the map and of the delay [s] by each parameter.
         self._map_rate, self._shift_rate = np.zeros((count, 3, 3)), np.zeros((count, 3))
         self.later_rate = np.zeros(count)
-        for p, name in enumerate(parameters):
-            if not name.startswith(EFFECTS_PREFIX):
-                continue
+        self._measuring = [p for p, name in enumerate(parameters) if acts_on(name, MEASUREMENT)]
+        for p in self._measuring:
+            name = parameters[p]
             above, below = (
                 build(varied(settings, name, side * STEP).effects) for side in (1.0, -1.0)
             )
@@ -41,16 +47,12 @@ class MeasurementMap:
             late = sum(e.later() for e in above) - sum(e.later() for e in below)
             self.later_rate[p] = late / (2.0 * STEP)
 
-    @property
-    def later(self) -> int:
-        """Delay of the measurement after the simulated instant [ns]."""
-        return round(sum(e.later() for e in self._effects) * NANOSECONDS)
-
     def measured(self, shape: FloatArray) -> FloatArray:
-        """Control points as measured, of true ones; shape (n, 4), theta as it is."""
+        """Control points as measured, of true ones; shape (..., n, 4), theta as it is."""
         if not self._effects:
             return shape
-        return np.column_stack([shape[:, :3] @ self._map.T + self._shift, shape[:, 3]])
+        seen = shape[..., :3] @ self._map.T + self._shift
+        return np.concatenate([seen, shape[..., 3:]], axis=-1)
 
     def true(self, shape: FloatArray) -> FloatArray:
         """The inverse of `measured`."""
@@ -65,18 +67,21 @@ class MeasurementMap:
         """Derivatives of measured control points.
 
         Args:
-            shape, velocity: true control points and their velocities, shape (n, 4) and (n, 3).
-            change: derivatives of the control points by the parameters, shape (P, n, 3).
+            shape, velocity: true control points and their velocities, shapes (..., n, 4) and (...,
+                n, 3).
+            change: derivatives of the control points by the parameters, shape (..., P, n, 3).
 
         Returns:
-            Shape (P, n, 3).
+            Shape (..., P, n, 3).
         """
         if not self._effects:
             return change
-        # What is seen later has gone less far.
-        moved = change - self.later_rate[:, None, None] * velocity
-        seen = shape[:, :3] @ self._map_rate.transpose(0, 2, 1) + self._shift_rate[:, None]
-        return np.asarray(moved @ self._map.T + seen)
+        result = (change.reshape(-1, 3) @ self._map.T).reshape(change.shape)
+        for p in self._measuring:
+            # What is seen later has gone less far.
+            result[..., p, :, :] -= self.later_rate[p] * velocity @ self._map.T
+            result[..., p, :, :] += shape[..., :3] @ self._map_rate[p].T + self._shift_rate[p]
+        return result
 
 
 def _affine(effects: Sequence[Effect]) -> tuple[FloatArray, FloatArray]:

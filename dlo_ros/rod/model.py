@@ -6,13 +6,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dlo_ros.command import Command
 from dlo_ros.effects import Body, Effect, build
+from dlo_ros.rod.discretisation import Discretisation, discretisation, lower_band
 from dlo_ros.rod.elements.rod_tables import (
     DOF,
     ConstitutiveLaw,
@@ -20,7 +18,6 @@ from dlo_ros.rod.elements.rod_tables import (
     Stiffness,
     Surroundings,
 )
-from dlo_ros.rod.elements.strains import span_twist
 from dlo_ros.rod_settings import STANDARD_GRAVITY, RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -30,10 +27,6 @@ PRESLIDING_DISPLACEMENT = 3e-5  # of L: displacement at which friction acts full
 INACTIVE = 9e5  # [1/m] curvatures that no DLO reaches
 # Spans and basis functions of the places where contact is looked for, where there are none.
 NO_CONTACT = np.zeros(0, np.int64), np.zeros((0, 4))
-# Properties that depend on basis and ends alone, and the commands that were imposed on such a rod.
-DISCRETISATION = (
-    "rule", "points", "gram", "basis_slope", "basis_curvature", "twist_fit", "imposed",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -62,82 +55,27 @@ class RodModel:
 
     def with_settings(self, settings: RodSettings) -> RodModel:
         """The discretisation with other material, damping, gravity or effects."""
-        same = replace(self, settings=settings)
-        kept = {k: v for k, v in self.__dict__.items() if k in DISCRETISATION}
-        same.__dict__.update(kept)
-        return same
+        return replace(self, settings=settings)
 
     @cached_property
+    def discretisation(self) -> Discretisation:
+        """Tables of the basis, which rods of other material share."""
+        return discretisation(self.basis, self.full_start, self.full_end)
+
+    @property
     def rule(self) -> Quadrature:
-        """Quadrature tables: three points a knot span.
+        """Quadrature tables: three points a knot span."""
+        return self.discretisation.rule
 
-        Stretch counts by its value in the middle of a span: at every point it would lock
-        (numerics.md). Where the direction of an end is free its straight line counts, or a mode
-        without energy would be left over. Twist counts by its mean, since the frame's twist is no
-        spline that theta could relax: means make the twist between the ends exact, and the lines
-        at both ends give as many numbers as theta has coefficients.
-        """
-        basis = self.basis
-        u, weight = basis.quadrature(3)
-        span, b = self._local(u, 0)
-        stretch, twist = np.zeros(basis.spans, np.bool_), np.zeros(basis.spans, np.bool_)
-        stretch[0] |= self.full_start
-        stretch[-1] |= self.full_end
-        twist[[0, -1]] = True
-        return Quadrature(
-            span, b, self._local(u, 1)[1], self._local(u, 2)[1], weight, stretch, twist
-        )
-
-    def _local(
-        self, u: NDArray[np.floating[Any]], derivative: int
-    ) -> tuple[NDArray[np.int64], FloatArray]:
-        """Knot span of each u and the four basis functions (or derivatives) that live there."""
-        full = self.basis.matrix(u, derivative)
-        span = np.minimum((u / self.basis.span_length).astype(np.int64), self.basis.spans - 1)
-        rows = np.arange(len(u))[:, None]
-        return span, np.ascontiguousarray(full[rows, span[:, None] + np.arange(4)])
-
-    @cached_property
+    @property
     def points(self) -> FloatArray:
         """Material coordinates of the bending points [m], shape (nb,)."""
-        return self.basis.quadrature(3)[0]
-
-    @cached_property
-    def basis_slope(self) -> FloatArray:
-        """First derivatives of the basis at the bending points, shape (nb, n)."""
-        return self.basis.matrix(self.points, 1)
-
-    @cached_property
-    def basis_curvature(self) -> FloatArray:
-        """Second derivatives of the basis at the bending points, shape (nb, n)."""
-        return self.basis.matrix(self.points, 2)
-
-    def span_twists(self, values: FloatArray) -> FloatArray:
-        """Twists at the points (nb, ...) as those of whole spans."""
-        result = np.array(values, dtype=np.float64)
-        for e in range(self.basis.spans):
-            for column in result[3 * e : 3 * e + 3].reshape(3, -1).T:
-                span_twist(column, self.rule.twist_linear[e])
-        return result
-
-    @cached_property
-    def twist_fit(self) -> FloatArray:
-        """Control points 2..n of a spline that starts at 0, from its slope over the spans."""
-        slope = self.span_twists(self.basis_slope[:, 1:])
-        return np.asarray(np.linalg.pinv(slope))
+        return self.discretisation.points
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
         """The effects that the parameter file adds."""
         return build(self.settings.effects)
-
-    @cached_property
-    def imposed(self) -> dict[tuple[int, tuple[Effect, ...]], tuple[Command, Command]]:
-        """Commands as given and as truly imposed, by the given one's identity and the effects.
-
-        Variants of a rod share them: few parameters change what is imposed.
-        """
-        return {}
 
     @cached_property
     def body(self) -> Body:
@@ -170,7 +108,7 @@ class RodModel:
             bend=longer * body.bend_matrix,
             bend_rest=body.bend_rest,
             twist=np.full(nb, twist / longer),
-            twist_rest=self.span_twists(longer * body.twist_rest)
+            twist_rest=self.discretisation.span_twists(longer * body.twist_rest)
             if body.twist_rest.any()
             else body.twist_rest,
         )
@@ -228,7 +166,7 @@ class RodModel:
         width = length / max(self.basis.spans * CONTACTS, 1)
         # A tip touches a wall first: both ends are among the points.
         u = width * np.arange(spans * CONTACTS + 1 if spans else 0)
-        span, b = self._local(u, 0) if spans else NO_CONTACT
+        span, b = self.discretisation.local(u) if spans else NO_CONTACT
         # All of the DLO's weight on one point presses it in by very little.
         weight = rod.linear_density * STANDARD_GRAVITY * length
         push = weight + 10.0 * rod.bending_stiffness / length**2
@@ -248,10 +186,10 @@ class RodModel:
             nb if inner else 0,
         )  # fmt: skip
 
-    @cached_property
+    @property
     def gram(self) -> FloatArray:
         """Lower band of the basis' Gram matrix, shape (n, 4) [m]."""
-        return _lower_band(self.basis.gram)
+        return self.discretisation.gram
 
     @cached_property
     def _hung(self) -> tuple[FloatArray, FloatArray]:
@@ -261,7 +199,7 @@ class RodModel:
             return np.zeros((n, 4)), np.zeros(n)
         mass = np.array([m for m, _ in self.body.masses])
         b = np.array([self.basis.row(u) for _, u in self.body.masses])
-        return _lower_band(b.T @ (mass[:, None] * b)), b.T @ mass
+        return lower_band(b.T @ (mass[:, None] * b)), b.T @ mass
 
     @cached_property
     def line_mass(self) -> FloatArray:
@@ -288,7 +226,7 @@ class RodModel:
     def line_load(self) -> FloatArray:
         """Generalised weight of the DLO and force per length [N], shape (n, 4)."""
         body = self.body
-        share = body.lengthening * self.basis.shares
+        share = body.lengthening * self.discretisation.basis.shares
         result = np.zeros((self.basis.control_points, DOF))
         result[:, :3] = share[:, None] * (body.line_density * body.gravity + body.force)
         return result
@@ -308,12 +246,3 @@ class RodModel:
         rod = self.settings.rod
         gravity = float(np.linalg.norm(self.settings.gravity))
         return rod.bending_stiffness / rod.linear_density / rod.length**4 + gravity / rod.length
-
-
-def _lower_band(full: FloatArray) -> FloatArray:
-    """Lower band (n, 4) of a symmetric matrix of basis functions (n, n)."""
-    n = len(full)
-    band = np.zeros((n, 4))
-    for k in range(4):
-        band[3 - k :, k] = np.diagonal(full, k - 3)
-    return band

@@ -45,11 +45,12 @@ def steady(
         SimulationError: what jumps, when, how far and how far it may.
     """
     length = boundary.basis.length
+    furthest = 1.001 * JUMP * length
     now = (state.stamp - command.stamp) / NANOSECONDS
     steps = [s for s in _from_here(boundary, state, command, now) if s.name in held]
-    steps += _between_points(command, now, (until - command.stamp) / NANOSECONDS)
+    steps += _between_points(command, now, (until - command.stamp) / NANOSECONDS, furthest)
     for step in steps:
-        if step.moved > 1.001 * JUMP * length:
+        if step.moved > furthest:
             raise SimulationError(
                 f"dlo/command jumps: '{step.name}' moves {step.moved:.3g} m at once at "
                 f"{step.time:.3f} s; at most {JUMP * length:.3g} m ({JUMP:g} of the length) within "
@@ -88,22 +89,27 @@ def _from_here(boundary: Boundary, state: State, command: Command, now: float) -
     return steps
 
 
-def _between_points(command: Command, now: float, until: float) -> list[_Step]:
-    """The fastest that is imposed between points of the command, in `AT_ONCE`."""
+def _between_points(command: Command, now: float, until: float, furthest: float) -> list[_Step]:
+    """What is imposed in `AT_ONCE` between points of the command, where it is too fast.
+
+    Args:
+        now, until: times from the command's start [s].
+        furthest: distance up to which a motion is not too fast [m].
+    """
     times = command.times
     first = max(int(np.searchsorted(times, now, side="right")) - 1, 0)
     stop = min(int(np.searchsorted(times, until, side="left")), len(times) - 1)
-    steps = []
-    for a in range(first, stop):
-        share = min(AT_ONCE / float(times[a + 1] - times[a]), 1.0)
-        moved = np.linalg.norm(command.positions[a + 1] - command.positions[a], axis=1)
-        dot = np.abs(np.sum(command.rotations[a + 1] * command.rotations[a], axis=1))
-        turned = 2.0 * np.arccos(np.clip(dot, 0.0, 1.0))
-        steps += [
-            _Step(name, share * float(moved[k]), share * float(turned[k]), float(times[a]))
-            for k, name in enumerate(command.names)
-        ]
-    return steps
+    if stop <= first:
+        return []
+    share = np.minimum(AT_ONCE / np.diff(times[first : stop + 1]), 1.0)[:, None]
+    positions, rotations = (x[first : stop + 1] for x in (command.positions, command.rotations))
+    moved = share * np.linalg.norm(np.diff(positions, axis=0), axis=2)
+    dot = np.abs(np.sum(rotations[1:] * rotations[:-1], axis=2))
+    turned = share * 2.0 * np.arccos(np.clip(dot, 0.0, 1.0))
+    return [
+        _Step(command.names[k], float(moved[a, k]), float(turned[a, k]), float(times[first + a]))
+        for a, k in np.argwhere((moved > furthest) | (turned > TURN)).tolist()
+    ]
 
 
 def _direction(quaternion: FloatArray) -> FloatArray:

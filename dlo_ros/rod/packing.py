@@ -29,7 +29,7 @@ from dlo_ros.rod.state import State, Strains
 from dlo_ros.spline import FloatArray
 
 IMPOSED_KEPT = 64
-"""True commands of one discretisation that are kept: one for each variant that changes them."""
+"""True commands that are kept with a command: one for each variant that changes it."""
 
 
 def parts_of(model: RodModel, boundary: Boundary, *, flat: bool) -> System:
@@ -85,16 +85,16 @@ def true_command(model: RodModel, command: Command) -> Command:
     imposing = tuple(e for e in model.effects if type(e).impose is not Effect.impose)
     if not imposing:
         return command
-    key = id(command), imposing
-    found = model.imposed.get(key)
-    if found is None:
-        if len(model.imposed) >= IMPOSED_KEPT:
-            model.imposed.clear()
+    kept: dict[tuple[Effect, ...], Command] = command.__dict__.setdefault("_imposed", {})
+    true = kept.get(imposing)
+    if true is None:
         true = command
         for effect in imposing:
             true = effect.impose(true)
-        found = model.imposed[key] = command, true
-    return found[1]
+        if len(kept) >= IMPOSED_KEPT:
+            kept.clear()
+        kept[imposing] = true
+    return true
 
 
 def imposed_of(model: RodModel, boundary: Boundary, command: Command) -> conditions.Imposed:

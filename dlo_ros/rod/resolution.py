@@ -16,7 +16,7 @@ import numpy as np
 
 from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
-from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.boundary.imposed_motion import Boundary, boundary_of
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.state import State, refined, rest_state
 from dlo_ros.rod.statics import settle
@@ -47,7 +47,7 @@ def build(settings: RodSettings, command: Command, spans: int) -> tuple[RodModel
     """Model and boundary conditions with the given number of knot spans."""
     rod = settings.rod
     basis = SplineBasis(spans + DEGREE, rod.length)
-    boundary = Boundary(command.names, basis, SplineBasis(rod.control_points, rod.length))
+    boundary = boundary_of(command.names, basis, SplineBasis(rod.control_points, rod.length))
     model = RodModel(settings, basis, not boundary.clamped_start, not boundary.clamped_end)
     return model, boundary
 

@@ -28,7 +28,7 @@ from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.elements.rod_tables import ConstitutiveLaw, Stiffness, Surroundings
 from dlo_ros.rod.model import CONTACT_PENETRATION, RodModel
 from dlo_ros.rod.packing import imposed_of, parts_of, stacked, stacked_imposed, true_command
-from dlo_ros.rod.parameter_names import parsed
+from dlo_ros.rod.parameter_names import acts_on, acts_on_measurement, parsed
 from dlo_ros.rod.sensitivity.prepared_rod import PreparedRod, prepare
 from dlo_ros.rod.sensitivity.sensitivity_state import (
     INELASTIC,
@@ -39,7 +39,7 @@ from dlo_ros.rod.sensitivity.sensitivity_state import (
 )
 from dlo_ros.rod.solve.equation_system import System
 from dlo_ros.rod_settings import EFFECTS_PREFIX, RodSettings
-from dlo_ros.spline import FloatArray
+from dlo_ros.spline import FloatArray, SplineBasis
 
 MATERIAL = ("young_modulus", "density", "air_drag", "relaxation_time")
 # By their natural logarithm.
@@ -78,6 +78,16 @@ def known(settings: RodSettings) -> tuple[str, ...]:
     return tuple(names)
 
 
+def is_known(settings: RodSettings, name: str) -> bool:
+    """Whether a name is one of `known`."""
+    if not name.startswith(EFFECTS_PREFIX):
+        return name in LOGARITHMIC or name in POSES
+    effect, _, key = name.removeprefix(EFFECTS_PREFIX).partition(".")
+    key = key.partition("[")[0]
+    value = settings.effects.get(effect, {}).get(key)
+    return value is not None and name in effect_names(effect, key, value)
+
+
 def effect_names(effect: str, key: str, value: float | tuple[float, ...]) -> list[str]:
     """Names of an effect's parameter, one for each number of its value."""
     name = f"{EFFECTS_PREFIX}{effect}.{key}"
@@ -90,7 +100,7 @@ def variation_of(settings: RodSettings, name: str) -> ParameterVariation:
     Raises:
         InputError: there is no such parameter; the message lists those that there are.
     """
-    if name not in known(settings):
+    if not is_known(settings, name):
         raise InputError(f"no sensitivity to '{name}'; known are {', '.join(known(settings))}")
     if name in LOGARITHMIC:
         return ParameterVariation(
@@ -233,12 +243,15 @@ def _compiled(
     for name in names:
         chosen = variation_of(model.settings, name)
         pair = []
-        for other, asked in both_sides(model, command, chosen):
+        alone = acts_on_measurement(name)
+        sides = [(model, command)] * 2 if alone else both_sides(model, command, chosen)
+        for other, asked in sides:
             there = true_command(other, asked)
             # An effect on the command or on the measurement alone leaves the rod as it is.
             rod = other if _acts_on_rod(name) else model
             systems.append(systems[0] if rod is model else parts_of(rod, boundary, flat=flat))
-            unmoved = rod is model and there is true
+            slips = rod is not model and (rod.body.slip or model.body.slip)
+            unmoved = there is true and not slips
             commands.append(commands[0] if unmoved else imposed_of(rod, boundary, there))
             pair.append(not unmoved and any(map(_differ, commands[-1], commands[0])))
         moves.append(any(pair) or systems[-1].reach != systems[-2].reach)
@@ -252,7 +265,13 @@ def _compiled(
 
 def _acts_on_rod(name: str) -> bool:
     """Whether a parameter may change the rod itself."""
-    return not name.startswith(EFFECTS_PREFIX) or ROD in effects()[parsed(name)[0]].acts_on
+    return not name.startswith(EFFECTS_PREFIX) or acts_on(name, ROD)
+
+
+def is_linear(settings: RodSettings) -> bool:
+    """Whether a rod's linear numbers describe it: its derivatives cost far less then."""
+    basis = SplineBasis(settings.rod.control_points, settings.rod.length)
+    return _kind(RodModel(settings, basis)) == LINEAR
 
 
 def _kind(model: RodModel) -> float:

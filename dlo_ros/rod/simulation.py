@@ -26,13 +26,14 @@ from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.motion_validation import possible, steady
 from dlo_ros.rod.packing import insensitive, true_command
+from dlo_ros.rod.parameter_names import acts_on_measurement
 from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.prediction import Prediction
 from dlo_ros.rod.protocol import RodSimulation, instability
 from dlo_ros.rod.sensitivity_parameters import variation_of
 from dlo_ros.rod.simulation_batch import SimulationBatch, StartedSet, started_set
 from dlo_ros.rod.state import State, refined, strains_of, twist_along, twist_angle, with_history
-from dlo_ros.rod.statics import hold, reachable, settle
+from dlo_ros.rod.statics import reachable_through, settle
 from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -72,15 +73,27 @@ class Simulation(RodSimulation):
         self.settings = settings
         self.motion = motion
         self.published = SplineBasis(settings.rod.control_points, settings.rod.length)
-        self.parameters = tuple(parameters)
+        self._differentiate_by(parameters)
         self._spans, self._loads = spans, loads
         self._timeline = CommandTimeline(motion)
-        self._measurement = MeasurementMap(settings, self.parameters)
         self.resolution: resolution.Resolution | None = None
         self.state: State | None = None
         self.stable = True
         self._flat = False  # whether the first equilibrium is one in the plane
         self._judged = settings.rod.specific_modulus
+
+    def _differentiate_by(self, parameters: Sequence[str]) -> None:
+        """Choose the parameters by which predictions have derivatives.
+
+        The rod itself need not be differentiated by what acts on its measurement alone, unless it
+        starts from a measured shape.
+        """
+        names = self.parameters = tuple(parameters)
+        unmoved = self.settings.simulation.start == "equilibrium"
+        moving = [k for k, n in enumerate(names) if not (unmoved and acts_on_measurement(n))]
+        self._moving = np.array(moving, dtype=np.int64)
+        self._rod_parameters = tuple(names[k] for k in moving)
+        self._measurement = MeasurementMap(self.settings, names)
 
     def warn_of_instability(self) -> None:
         """Log a warning where a real DLO would leave the equilibrium that was started from.
@@ -99,7 +112,9 @@ class Simulation(RodSimulation):
         assert self._spans is not None
         begin = beginning(self.settings, self._timeline, self._measurement, observations)
         model, boundary = resolution.build(self.settings, begin.command, self._spans)
-        found = yield from initial_state(model, boundary, begin, self._measurement, self.parameters)
+        found = yield from initial_state(
+            model, boundary, begin, self._measurement, self._rod_parameters
+        )
         self.stable, self._flat = found.stable, found.flat
         self._judged = self.settings.rod.specific_modulus
         self._timeline.following = begin.command
@@ -147,7 +162,9 @@ class Simulation(RodSimulation):
 
     def with_sensitivities(self, parameters: Sequence[str], present: Command) -> Simulation:
         """An independent simulation; see `RodSimulation.with_sensitivities`."""
-        names = tuple(parameters)
+        twin = copy(self)
+        twin._differentiate_by(parameters)
+        names = twin._rod_parameters
         state = insensitive(self._started(), len(names))
         slowest = RESTING * self.published.length
         if names and self.model.plain and np.abs(state.velocity[:, :3]).max() < slowest:
@@ -155,10 +172,8 @@ class Simulation(RodSimulation):
                 state = settle(
                     self.model, self.boundary, state, present, state.stamp, parameters=names
                 ).state
-        twin = copy(self)
-        twin.state, twin.parameters = state, names
+        twin.state = state
         twin._timeline = self._timeline.another()
-        twin._measurement = MeasurementMap(self.settings, names)
         return twin
 
     def batching(
@@ -187,7 +202,7 @@ class Simulation(RodSimulation):
 
     def _insensitive(self, state: State) -> State:
         """The state with zero sensitivities: it does not depend on the parameters."""
-        return insensitive(state, len(self.parameters))
+        return insensitive(state, len(self._rod_parameters))
 
     def _command(self, stamp: int) -> Command:
         return self._timeline.at(stamp, slips=self.settings.slips)
@@ -217,29 +232,26 @@ class Simulation(RodSimulation):
             steady(boundary, state, true_command(model, command), stops[-1], held)
             command = course.begin(state.stamp, command, state.q, model.basis)
             course.following = command
-            flat = in_plane(model, state, command, self.parameters)
+            flat = in_plane(model, state, command, self._rod_parameters)
             # In space the loads on a shape need its whole state, so stops come one by one.
             together = not self._loads or (flat and model.plain and dense([state.stamp, *stops]))
+            fast = self._loads or bool(self.parameters)
             made: list[State] = []
+            reachable_through(model, boundary, true_command(model, command), stops)
             for leg in [stops] if together else [[s] for s in stops]:
-                for stop in leg:
-                    reachable(model, hold(model, boundary, state, command, stop), boundary)
                 before, several = state, len(leg) > 1
-                asked = (model, boundary, state, command, leg, self.parameters)
-                track = dynamics.follow(*asked, speeds=self._loads and several)
+                asked = (model, boundary, state, command, leg, self._rod_parameters)
+                track = dynamics.follow(*asked, speeds=fast and several)
                 state = track.state
                 if not several:
                     made += [state] * (leg[0] in wanted)
                     continue
                 borne = loadings_along(model, boundary, before, leg, track) if self._loads else []
-                down = self.published.projection(model.basis)
-                for k, stop in enumerate(leg):
-                    if stop in wanted:
-                        shape = track.shapes[k]
-                        if not flat:
-                            shape[:, 3] = twist_along(model, float(shape[0, 3]), track.twists[k])
-                        seen = down @ shape, down, track.speeds[k], track.derivatives[k]
-                        predictions.append(self._seen(stop, *seen, borne[k] if borne else None))
+                shapes = track.shapes
+                if not flat:
+                    shapes[..., 3] = twist_along(model, shapes[:, 0, 3], track.twists)
+                seen = self._seen(model, leg, shapes, track.speeds, track.derivatives, borne)
+                predictions += [p for p, stop in zip(seen, leg, strict=True) if stop in wanted]
             borne = loadings(model, boundary, made, command) if self._loads and made else []
             for one in made:
                 predictions.append(self._published(one, model, borne.pop(0) if borne else None))
@@ -292,30 +304,42 @@ class Simulation(RodSimulation):
         return self._published(state, self.model, borne)
 
     def _published(self, state: State, model: RodModel, borne: Loading | None = None) -> Prediction:
-        down = self.published.projection(model.basis)
-        derivative = None if state.sensitivity is None else state.sensitivity.q
         shape = state.q.copy()
         shape[:, 3] = twist_angle(state, model)
-        return self._seen(state.stamp, down @ shape, down, state.velocity, derivative, borne)
+        change = np.zeros((0, *shape.shape)) if state.sensitivity is None else state.sensitivity.q
+        loads = [borne] if borne else []
+        return self._seen(
+            model, [state.stamp], shape[None], state.velocity[None], change[None], loads
+        )[0]
 
     def _seen(
-        self, stamp: int, shape: FloatArray, down: FloatArray, velocity: FloatArray,
-        derivative: FloatArray | None, borne: Loading | None = None,
-    ) -> Prediction:  # fmt: skip
-        """A shape (n, 4) in the published basis, as the camera measures it.
+        self, model: RodModel, stamps: Sequence[int], shapes: FloatArray, speeds: FloatArray,
+        derivatives: FloatArray, borne: Sequence[Loading],
+    ) -> list[Prediction]:  # fmt: skip
+        """Shapes in the published basis, as the camera measures them.
 
         Args:
-            down: projection onto the published basis.
-            velocity, derivative: velocities and derivatives in the simulation's basis, shapes (m,
-                4) and (P, m, 4).
-            borne: see `Prediction.loading`.
+            stamps: S simulated instants [ns].
+            shapes, speeds: control points in the simulation's basis with the axial twist as theta,
+                and their velocities, shape (S, m, 4).
+            derivatives: derivatives of the control points by the R parameters that move the rod,
+                shape (S, R, m, 4).
+            borne: see `Prediction.loading`; none where they are not wanted.
         """
-        stamp, seen = stamp + self._measurement.later, self._measurement.measured(shape)
-        if not self.parameters or derivative is None:
-            return Prediction(stamp, seen, loading=borne)
-        change = down @ derivative[:, :, :3]
-        speed = (down @ velocity)[:, :3]
-        return Prediction(stamp, seen, self._measurement.sensitivity(shape, speed, change), borne)
+        down, later = self.published.projection(model.basis), self._measurement.later
+        shapes = down @ shapes
+        seen, changes = self._measurement.measured(shapes), None
+        if self.parameters and derivatives.shape[1] == len(self._moving):
+            moves = np.zeros((len(stamps), len(self.parameters), *shapes.shape[1:-1], 3))
+            moves[:, self._moving] = (down @ derivatives)[..., :3]
+            changes = self._measurement.sensitivity(shapes, (down @ speeds)[..., :3], moves)
+        return [
+            Prediction(
+                stamp + later, seen[k], None if changes is None else changes[k],
+                borne[k] if borne else None,
+            )
+            for k, stamp in enumerate(stamps)
+        ]  # fmt: skip
 
     def update(self, settings: RodSettings) -> None:
         """Change material, damping, gravity, effects or tolerance while the simulation runs.

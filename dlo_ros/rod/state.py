@@ -100,19 +100,24 @@ def with_history(state: State, model: RodModel) -> State:
 
 def twist_angle(state: State, model: RodModel) -> FloatArray:
     """Axial twist of a state, see `twist_along`."""
-    return twist_along(model, float(state.q[0, 3]), state.strains.other[:, 2])
+    return twist_along(model, state.q[0, 3], state.strains.other[:, 2])
 
 
-def twist_along(model: RodModel, start: float, strain: FloatArray) -> FloatArray:
-    """Axial twist against the twist-free frame of the centreline, as control points (n,) [rad].
+def twist_along(model: RodModel, start: FloatArray, strain: FloatArray) -> FloatArray:
+    """Axial twist against the twist-free frame of the centreline, as control points [rad].
 
     It is the integral along u of the twist strain, from the angle at u = 0.
 
     Args:
-        start: angle at u = 0 [rad].
-        strain: twist strain [rad/m] at the bending points, shape (nb,).
+        start: angle at u = 0 [rad], shape (...).
+        strain: twist strain [rad/m] at the bending points, shape (..., nb).
+
+    Returns:
+        Shape (..., n).
     """
-    return np.concatenate([[start], start + model.twist_fit @ strain])
+    start = np.asarray(start)[..., None]
+    grown = start + strain @ model.discretisation.twist_fit.T
+    return np.concatenate([start, grown], axis=-1)
 
 
 def refined(state: State, model: RodModel, finer: RodModel) -> State:

@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -27,6 +25,7 @@ from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
 from dlo_ros.rod.sensitivity_parameters import compiled
 from dlo_ros.rod.solve.generalised_alpha import DONE, NO_DIRECTION
 from dlo_ros.rod.state import State, Strains
+from dlo_ros.spline import FloatArray
 
 TOLERANCE = 1e-9
 # A rod that is elastic and touches nothing.
@@ -133,16 +132,40 @@ def reachable(model: RodModel, held: Held, boundary: Boundary) -> None:
     Raises:
         SimulationError: with both distances.
     """
-    points = [
-        (u, (held.pins if pinned else held.target)[k, :3].tolist())
-        for u, pinned, k in boundary.held_points
-    ]
+    points = boundary.held_points
+    if len(points) > 1:
+        places = [(held.pins if pinned else held.target)[k, :3] for _, pinned, k in points]
+        _within_reach(model, boundary, np.array(places)[None])
+
+
+def reachable_through(
+    model: RodModel, boundary: Boundary, command: Command, stamps: Sequence[int]
+) -> None:
+    """Refuse a motion that leads ends further apart than the DLO can span.
+
+    Args:
+        command: command with all effects applied.
+        stamps: instants that are looked at [ns].
+
+    Raises:
+        SimulationError: with both distances, the first time that it happens.
+    """
+    places = [boundary.names.index(name) for name in boundary.holding]
+    if len(places) > 1:
+        times = (np.asarray(stamps, dtype=np.int64) - command.stamp) / NANOSECONDS
+        _within_reach(model, boundary, command.positions_at(times)[:, places])
+
+
+def _within_reach(model: RodModel, boundary: Boundary, places: FloatArray) -> None:
+    """Refuse places [m] of the held points, in the order of the DLO, shape (T, k, 3)."""
     # What may slip in through a grip meanwhile counts from the start.
     longer = model.body.lengthening + max(model.body.slip or 0.0, 0.0) / model.basis.length
-    for (u0, r0), (u1, r1) in pairwise(points):
-        apart, length = math.dist(r0, r1), longer * (u1 - u0)
-        if apart > 1.02 * length:
-            raise SimulationError(
-                f"the command holds two points {apart:.4g} m apart, but the DLO between them is "
-                f"only {length:.4g} m long"
-            )
+    lengths = longer * np.diff([u for u, _, _ in boundary.held_points])
+    apart = np.linalg.norm(np.diff(places, axis=1), axis=2)
+    too_far = np.argwhere(apart > 1.02 * lengths)
+    if len(too_far):
+        at, k = too_far[0]
+        raise SimulationError(
+            f"the command holds two points {apart[at, k]:.4g} m apart, but the DLO between them is "
+            f"only {lengths[k]:.4g} m long"
+        )

@@ -67,7 +67,7 @@ def test_equations_in_space_are_those_of_one_rod(first):
         stiff = stiff._replace(
             stretch=factor[0] * stiff.stretch, bend=factor[1] * stiff.bend,
             bend_rest=rest[:, :2].copy(), twist=factor[2] * stiff.twist,
-            twist_rest=model.span_twists(rest[:, 2]),
+            twist_rest=model.discretisation.span_twists(rest[:, 2]),
         )  # fmt: skip
         one = replace(model)
         one.__dict__["stiffness"] = stiff

@@ -46,7 +46,7 @@ def rod():
         np.column_stack([6e-4 * (1 + rng.random((nb, 2))), np.full(nb, 1e-4)]),
         3.0 * rng.normal(size=(nb, 2)),
         a_span(4e-4 * (1 + rng.random(spans))),
-        model.span_twists(2.0 * rng.normal(size=nb)),
+        model.discretisation.span_twists(2.0 * rng.normal(size=nb)),
     )
     q = np.zeros((n, 4))
     q[:, 0] = model.basis.greville

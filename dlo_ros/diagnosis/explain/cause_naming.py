@@ -180,7 +180,7 @@ def named(
             little = _taken_away(here, there, group) < least and not strains(bare, at)
             if there.mean_err < OWN * min(own, here.mean_err) or little:
                 continue
-        offer = offer or offered(at, recordings, [s for s in begun if s.neutral])
+        offer = offered(at, recordings, [s for s in begun if s.neutral], offer)
         rivals = _rivals(at, bare, group, recordings, offer)
         names_ = tuple(p.name for p in group.parameters)
         result.append(Cause(group.effect, names_, rivals, _loss_without(at, bare), bare.mean_err))

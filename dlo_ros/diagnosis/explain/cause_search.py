@@ -31,6 +31,7 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
     added,
     columns,
     freed,
+    is_present,
     linear_posterior,
     predicted_gains,
     simulated_together,
@@ -38,7 +39,15 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
 )
 from dlo_ros.effects import Start, nonsmooth
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, rejudged, simulate
+from dlo_ros.inference.joint import (
+    Evaluation,
+    Simulated,
+    borrowed,
+    differences,
+    evaluate,
+    rejudged,
+    simulate,
+)
 from dlo_ros.inference.joint_fit import approached, fit
 from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
@@ -46,10 +55,16 @@ from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import SLAB
 from dlo_ros.inference.thresholds import INDISPENSABLE, LOWERS, OWN, WORTH
 from dlo_ros.inference.variances import posterior
+from dlo_ros.rod.sensitivity_parameters import is_linear
+from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
 MOST_CAUSES = 6
+ALIKE = 0.05
+"""Mean distance of the shapes of two models over the length, up to which the derivatives by what
+might be added to one of them serve to rank proposals for the other: predicted gains are linear, and
+off by more."""
 EXCHANGES = 2
 """Numbers of the set-up that are exchanged for effects in a search."""
 
@@ -59,12 +74,25 @@ class Offer:
     """Effects that might be added to a model, each simulated where it is looked for.
 
     Args:
+        at: the simulation of the model.
         proposals: proposals of effects that the model does not contain.
         extra: derivatives of the shapes by what each proposal adds, see `linear_evidence.columns`.
     """
 
+    at: Simulated
     proposals: tuple[Proposal, ...]
     extra: Extra
+
+    def serves(self, other: Simulated) -> bool:
+        """Whether these derivatives serve another model, too, since its shapes are near."""
+        pairs = zip(self.at.predicted, other.predicted, strict=True)
+        apart = [np.linalg.norm((a - b)[..., :3], axis=2).mean() for a, b in pairs]
+        return float(np.mean(apart)) < ALIKE * other.model.settings.rod.length
+
+    def beside(self, model: ParametricModel) -> Offer:
+        """The offer of effects that another model does not contain."""
+        absent = (p for p in self.proposals if p.start and not is_present(model, p.start))
+        return replace(self, proposals=tuple(absent))
 
 
 @dataclass(frozen=True)
@@ -75,7 +103,7 @@ class Search:
         at: the joint model with all causes.
         causes: causes in the order in which they were found.
         trace: every candidate of every step.
-        offer: proposals of further causes; None where they were not computed any more.
+        offer: proposals of further causes for this model or one before it; None: not computed.
     """
 
     at: Evaluation
@@ -123,10 +151,10 @@ def search(
             _tell(trace[-1:])
             at, causes, first = first[0], [*causes, first[1]], None
             continue
-        offer = offered(at, recordings, begun)
+        offer = offered(at, recordings, begun, offer)
         offers = [(at, _new(ranked_proposals(at, offer), known))]
         if not causes and _strained(at, (), ()) and _matters(at, recordings, enough):
-            offers += _offers_beside(neutral, recordings, begun)
+            offers += _offers_beside(neutral, recordings, begun, offer)
         least = np.inf
         if causes and not _matters(at, recordings, enough):
             least = (1.0 - LOWERS) * approached(at, recordings).mean_err
@@ -142,7 +170,7 @@ def search(
         if little and _matters(found[0] if found else at, recordings, enough):
             for group in _strained(at, causes, exchanged)[: EXCHANGES - len(exchanged)]:
                 exchanged.append(group.label)
-                other, steps = _exchange(number, at, group, recordings, begun, known)
+                other, steps = _exchange(number, at, group, recordings, begun, known, offer)
                 trace += steps
                 _tell(steps)
                 if other is not None and not takes_little(other, at, recordings):
@@ -151,7 +179,7 @@ def search(
                     break
         if found is None:
             break
-        at, causes, offer = found[0], [*causes, found[1]], None
+        at, causes = found[0], [*causes, found[1]]
         for cause in reversed(causes):
             if linear_loss(at, cause) > INDISPENSABLE:
                 continue
@@ -204,7 +232,7 @@ def _strained(
 
 def _exchange(
     number: int, at: Evaluation, group: Proposal, recordings: Sequence[Recording],
-    begun: Sequence[Start], known: set[str],
+    begun: Sequence[Start], known: set[str], offer: Offer,
 ) -> tuple[Trial | None, list[Step]]:  # fmt: skip
     """The best effect in place of numbers of the set-up that lie beyond their tolerance.
 
@@ -218,23 +246,28 @@ def _exchange(
         group: the numbers.
         begun: effects that might be added, where they are looked for.
         known: names of effects that are not tried.
+        offer: what might be added to that model.
     """
     within = at.model.with_prior([p.returned(SLAB) for p in group.parameters])
     bare = _with_neutral(at, within, group)
-    offers = [(e, _new(p, known)) for e, p in _offers_beside(bare, recordings, begun)]
+    offers = [(e, _new(p, known)) for e, p in _offers_beside(bare, recordings, begun, offer)]
     return best_trial(number, at, offers, recordings)
 
 
 def _offers_beside(
-    model: ParametricModel, recordings: Sequence[Recording], begun: Sequence[Start]
+    model: ParametricModel, recordings: Sequence[Recording], begun: Sequence[Start], known: Offer
 ) -> list[tuple[Evaluation, list[PredictedGain]]]:
-    """A model and the predictions of the effects that might be added; none where it fails."""
+    """A model and the predictions of the effects that might be added; none where it fails.
+
+    Args:
+        known: an offer for another model.
+    """
     try:
         at = evaluate(model, recordings)
     except SimulationError as err:
         LOG.info("with the set-up at neutral: %s", err)
         return []
-    ranked = ranked_proposals(at, offered(at, recordings, begun))
+    ranked = ranked_proposals(at, offered(at, recordings, begun, known))
     return [(at, [p for p in ranked if p.proposal.start is not None])]
 
 
@@ -318,24 +351,51 @@ def _neutral(model: ParametricModel, cause: Proposal) -> ParametricModel:
     return replace(model, parameters=tuple(p for p in model.parameters if p.name not in guessed))
 
 
-def offered(at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start]) -> Offer:
-    """Simulate every effect that might be added to a model."""
+def offered(
+    at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start],
+    known: Offer | None = None,
+) -> Offer:  # fmt: skip
+    """Simulate every effect that might be added to a model.
+
+    Args:
+        begun: effects that might be added, at their starting values.
+        known: an offer for another model, which may serve this one.
+    """
+    if known is not None and known.serves(at):
+        return known.beside(at.model)
     proposals = added(at.model, begun)
     extra: Extra = {}
-    for together in simulated_together(proposals):
+    linear = is_linear(at.model.settings)
+    for together in simulated_together(at.model.settings, proposals):
         model, names = with_proposals(at.model, together)
         try:
-            extra |= columns(at, together, simulate(model, recordings, names))
+            if linear and names and not is_linear(model.settings):
+                for p in together:
+                    extra[id(p)] = _differences(at, p, recordings)
+            else:
+                extra |= columns(at, together, simulate(model, recordings, names))
         except SimulationError as err:
             LOG.info("%s: %s", ", ".join(p.label for p in together), err)
-    return Offer(tuple(p for p in proposals if id(p) in extra), extra)
+    return Offer(at, tuple(p for p in proposals if id(p) in extra), extra)
+
+
+def _differences(
+    at: Evaluation, proposal: Proposal, recordings: Sequence[Recording]
+) -> tuple[FloatArray, ...]:
+    """Derivatives by what an effect adds beside which the rod is no longer linear.
+
+    Two such runs without derivatives cost less than one with them.
+    """
+    model, names = with_proposals(at.model, [proposal])
+    pairs = zip(recordings, at.fields, strict=True)
+    return tuple(differences(model, r, names, residual) for r, (residual, _) in pairs)
 
 
 def ranked_proposals(at: Evaluation, offer: Offer, *, smooth: bool = False) -> list[PredictedGain]:
     """The predictions of all proposals, best first.
 
     Args:
-        offer: offer of the same model, or of one with more causes, which differs by little.
+        offer: offer of the same model, or of one whose shapes differ by little.
         smooth: whether only those that are linear at first.
     """
     proposals = [

@@ -147,7 +147,8 @@ def _explaining(
     """
     result: list[tuple[str, float]] = []
     known = max(b.posterior.evidence for b in bare)
-    for together in simulated_together(_proposals(at, recording, view, noise)):
+    proposals = _proposals(at, recording, view, noise)
+    for together in simulated_together(at.model.settings, proposals):
         model, names = with_proposals(at.model, together)
         try:
             extra = columns(at, together, (yield from simulated(model, recording, names, AT_ONCE)))

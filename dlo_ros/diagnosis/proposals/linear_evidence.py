@@ -21,6 +21,7 @@ from dlo_ros.inference.priors import SLAB
 from dlo_ros.inference.spectrum import Spectrum, spectrum
 from dlo_ros.inference.variances import Posterior, fit_variances
 from dlo_ros.parameters import Settings
+from dlo_ros.rod.sensitivity_parameters import is_linear
 from dlo_ros.spline import FloatArray
 
 VARIANCE_ITERATIONS = 8
@@ -102,13 +103,13 @@ def reported_effect(p: Parameter) -> str:
 
 def added(model: ParametricModel, begun: Sequence[Start]) -> list[Proposal]:
     """Proposals of effects that the set-up does not contain, one for each place of the search."""
-    result = []
-    for start in begun:
-        present = model.settings.effects.get(start.effect, {})
-        if any(key in present for key in start.fitted):
-            continue  # the set-up has it, see `freed`
-        result.append(proposal_of(model.settings, start))
-    return result
+    return [proposal_of(model.settings, s) for s in begun if not is_present(model, s)]
+
+
+def is_present(model: ParametricModel, start: Start) -> bool:
+    """Whether a model has a number of an effect already, see `freed`."""
+    present = model.settings.effects.get(start.effect, {})
+    return any(key in present for key in start.fitted)
 
 
 def proposal_of(settings: Settings, start: Start) -> Proposal:
@@ -126,18 +127,30 @@ Extra = dict[int, tuple[FloatArray, ...]]
 """Derivatives by what a proposal adds, per recording (F, Q, K), by the proposal's identity."""
 
 
-def simulated_together(proposals: Sequence[Proposal]) -> list[list[Proposal]]:
-    """Groups of added effects that share a simulation: neutral ones, one of each kind."""
+def simulated_together(
+    settings: Settings, proposals: Sequence[Proposal]
+) -> list[list[Proposal]]:  # fmt: skip
+    """Groups of added effects that share a simulation: neutral ones, one of each kind.
+
+    Effects beside which a rod is no longer linear have groups of their own: they would make the
+    derivatives by all others of their group expensive.
+
+    Args:
+        settings: settings of the rod.
+    """
     waiting = [p for p in proposals if p.start is not None]
     result = [[p] for p in waiting if not p.from_nothing]
-    neutral = [p for p in waiting if p.from_nothing]
-    while neutral:
-        together: list[Proposal] = []
-        for p in neutral:
-            if p.effect not in {s.effect for s in together}:
-                together.append(p)
-        neutral = [p for p in neutral if p not in together]
-        result.append(together)
+    linear: dict[bool, list[Proposal]] = {True: [], False: []}
+    for p in waiting:
+        if p.start is not None and p.from_nothing:
+            alone = settings.with_effects({p.effect: p.start.block})
+            linear[is_linear(alone)].append(p)
+    for neutral in linear.values():
+        rest = neutral
+        while rest:
+            first = {p.effect: p for p in reversed(rest)}
+            result.append(list(first.values()))
+            rest = [p for p in rest if p is not first[p.effect]]
     return result
 
 

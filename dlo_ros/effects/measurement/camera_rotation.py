@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -33,7 +34,7 @@ class CameraRotation(Effect):
         tolerance=math.radians(0.5), sides=ABOUT_AXES,
     )  # fmt: skip
 
-    @property
+    @cached_property
     def _turn(self) -> Rotation:
         return Rotation.from_rotvec(rotation_vector(self.angle))
 

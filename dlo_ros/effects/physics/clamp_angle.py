@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 from scipy.spatial.transform import Rotation
@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from dlo_ros.command import CONTROL_POINT, END, START, Command
 from dlo_ros.effects.base import Effect, Scene, Start, quantity
 from dlo_ros.effects.quantity import ABOUT_AXES
-from dlo_ros.effects.start import TURNS, Block, at_clamps, rotation_vector
+from dlo_ros.effects.start import TURNS, Block, at_clamps, rotation_vector, turned
 
 TOLERANCE = math.radians(3.0)  # [rad] to which a clamp is lined up by eye
 
@@ -53,11 +53,11 @@ class ClampAngle(Effect):
             turn = Rotation.from_rotvec(rotation_vector(angle))
             for k, name in enumerate(command.names):
                 if name == clamp:
-                    rotations[:, k] = (turn * Rotation.from_quat(rotations[:, k])).as_quat()
+                    rotations[:, k] = turned(turn, rotations[:, k])
                 elif name == second:
                     outer = positions[:, command.names.index(tip)]
                     positions[:, k] = outer + turn.apply(positions[:, k] - outer)
-        return replace(command, positions=positions, rotations=rotations)
+        return command.led_through(positions=positions, rotations=rotations)
 
     @classmethod
     def setup(cls, scene: Scene) -> Block:

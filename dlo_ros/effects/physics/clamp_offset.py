@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -52,7 +52,7 @@ class ClampOffset(Effect):
             moved = np.zeros(3)
             moved[axes] = offset
             positions[:, held] += moved
-        return replace(command, positions=positions)
+        return command.led_through(positions=positions)
 
     @classmethod
     def setup(cls, scene: Scene) -> Block:

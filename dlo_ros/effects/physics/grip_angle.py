@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 from scipy.spatial.transform import Rotation
@@ -50,7 +50,7 @@ class GripAngle(Effect):
                 k = command.names.index(clamp)
                 turned = Rotation.from_quat(rotations[:, k]) * Rotation.from_rotvec((0.0, *angle))
                 rotations[:, k] = turned.as_quat()
-        return replace(command, rotations=rotations)
+        return command.led_through(rotations=rotations)
 
     @classmethod
     def setup(cls, scene: Scene) -> Block:

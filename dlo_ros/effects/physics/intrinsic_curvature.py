@@ -52,6 +52,8 @@ class IntrinsicCurvature(Effect):
     def shape_body(self, body: Body) -> None:
         """See the base class."""
         for director, given in enumerate((self.curvature, self.across)):
+            if not given:
+                continue
             values = np.atleast_1d(np.asarray(given, dtype=np.float64))
             at = np.linspace(0.0, body.length, len(values))
             body.bend_rest[:, director] += np.interp(body.points, at, values)

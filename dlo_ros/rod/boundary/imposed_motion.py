@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from dlo_ros.rod.boundary import conditions
 from dlo_ros.rod.elements.rod_tables import DOF
 from dlo_ros.spline import FloatArray, SplineBasis
 
+KEPT = 64
+"""Boundary conditions that are kept: those of some recordings, each with several bases."""
 NO_DIRECTION_TEXT = "dlo/command: two control points that give the direction of an end coincide"
 
 
@@ -123,6 +125,16 @@ class Boundary:
         points += [(float(u), True, k) for k, u in enumerate(self.pin_abscissae)]
         return tuple(sorted(points))
 
+    @cached_property
+    def holding(self) -> tuple[str, ...]:
+        """Names of what holds each of `held_points`."""
+        last = self.published.control_points
+        tips = {0: {START, f"{CONTROL_POINT}1"}, -1: {END, f"{CONTROL_POINT}{last}"}}
+        return tuple(
+            self.pinned[k] if pinned else next(n for n in self.names if n in tips[k])
+            for _, pinned, k in self.held_points
+        )
+
     def pins_of(self, q: FloatArray) -> FloatArray:
         """Positions of the pinned points of a configuration (n, 4) [m], shape (k, 3)."""
         if not len(self.pin_rows):
@@ -183,3 +195,9 @@ class Boundary:
         if not conditions.impose(self.imposed(command), time, theta, reach, frames, target, pins):
             raise CommandError(NO_DIRECTION_TEXT)
         return Held(np.where(self.fixed.reshape(-1, DOF), target, 0.0), pins, frames)
+
+
+@lru_cache(maxsize=KEPT)
+def boundary_of(names: tuple[str, ...], basis: SplineBasis, published: SplineBasis) -> Boundary:
+    """The boundary conditions of what a command names, kept; see `Boundary`."""
+    return Boundary(names, basis, published)

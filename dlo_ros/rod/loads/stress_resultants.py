@@ -51,7 +51,7 @@ class Stresses:
     def __init__(self, model: RodModel) -> None:
         self._model = model
         self.value = model.basis.matrix(model.points)  # (nb, n)
-        self.slope, self.curvature = model.basis_slope, model.basis_curvature
+        self.slope, self.curvature = model.discretisation.slope, model.discretisation.curvature
 
     @cached_property
     def _tension_share(self) -> FloatArray:
