@@ -41,6 +41,7 @@ SETTINGS = {
     "cause_search.MOST_CAUSES",
     "confirmed_uncertainty.LONGEST",
     "joint_fit.SECANTS",
+    "offered_effects.SHAPES_ALIKE",
     "peg_places.BENT",
     "relations.CLEAR",
     "relations.MOST_INPUTS",

@@ -18,6 +18,9 @@ from dlo_ros.inference.joint import borrowed
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import believed, material_priors
 
+SERVING = SimpleNamespace(serves=lambda _: True, beside=lambda _: None)
+"""An offer that no model is too far from."""
+
 
 def evaluation(evidence, err):
     return SimpleNamespace(posterior=SimpleNamespace(evidence=evidence), mean_err=err)
@@ -72,7 +75,7 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     at = evaluation(0.0, 0.9e-3)
     at.model = SimpleNamespace(settings=PAPER)
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=object())
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)
     setup = evaluation(-50.0, 2e-3)
     causes, shifts = cause_naming.named(found, setup, {}, (), [start, *others], 0.85e-3, 0.5e-3)
     assert [c.effect for c in causes] == (["point_mass"] if named else [])
@@ -96,7 +99,7 @@ def test_a_fit_without_a_cause_that_has_only_drifted_does_not_tell_of_it(monkeyp
     monkeypatch.setattr(cause_naming, "strains", lambda *_: False)
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: nearest[id(at)])
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=object())
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)
     setup = evaluation(-80.0, 1.5e-3)
     causes, _ = cause_naming.named(found, setup, {}, (), [start], 0.54e-3, 0.21e-3)
     assert bool(causes) is named
@@ -119,7 +122,7 @@ def test_what_comes_nearer_than_the_measurement_errs_is_judged_by_what_is_left(
     monkeypatch.setattr(cause_naming, "strains", lambda *_: False)
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=object())
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)
     causes, _ = cause_naming.named(found, bare, {}, (), [start], 0.69e-3, 0.05e-3)
     assert bool(causes) is named
 
@@ -136,7 +139,7 @@ def test_a_fit_without_a_cause_that_explains_less_than_the_set_up_has_gone_astra
     monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, wholly: 40.0)
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=object())
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)
     (cause,), _ = cause_naming.named(found, setup, {}, (), [start], 0.85e-3, 0.5e-3)
     assert (cause.evidence, cause.err) == (40.0, 3e-3)
 

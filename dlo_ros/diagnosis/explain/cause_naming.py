@@ -10,17 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.explain.candidate_trials import fitted
-from dlo_ros.diagnosis.explain.cause_search import (
-    Offer,
-    Search,
-    linear_loss,
-    offered,
-    ranked_proposals,
-    takes_little,
-    without,
-)
+from dlo_ros.diagnosis.explain.cause_search import Search, linear_loss, takes_little, without
 from dlo_ros.diagnosis.explain.certainty import SCALES, beyond, certain, is_beyond, strains
 from dlo_ros.diagnosis.explain.contact_trials import Rivals
+from dlo_ros.diagnosis.explain.offered_effects import Offer, offered, ranked_proposals
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Start
 from dlo_ros.effects.start import Block

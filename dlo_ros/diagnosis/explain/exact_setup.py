@@ -15,7 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from dlo_ros.diagnosis.explain.candidate_trials import Trial, best_trial
-from dlo_ros.diagnosis.explain.cause_search import Search, offered, ranked_proposals, search
+from dlo_ros.diagnosis.explain.cause_search import Search, search
+from dlo_ros.diagnosis.explain.offered_effects import offered, ranked_proposals
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError

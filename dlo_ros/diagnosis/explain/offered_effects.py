@@ -1,0 +1,118 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Effects that might be added to a model, each simulated where it is looked for, and ranked."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.proposals.linear_evidence import (
+    Extra,
+    PredictedGain,
+    Proposal,
+    added,
+    columns,
+    freed,
+    is_present,
+    predicted_gains,
+    simulated_together,
+    with_proposals,
+)
+from dlo_ros.effects import Start
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference.joint import Evaluation, Simulated, differences, simulate
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.rod.sensitivity_parameters import is_linear
+from dlo_ros.spline import FloatArray
+
+LOG = logging.getLogger(__name__)
+
+SHAPES_ALIKE = 0.05
+"""Mean distance of the shapes of two models over the length, up to which the derivatives by what
+might be added to one of them serve to rank proposals for the other: predicted gains are linear, and
+off by more."""
+
+
+@dataclass(frozen=True)
+class Offer:
+    """Effects that might be added to a model, each simulated where it is looked for.
+
+    Args:
+        at: the simulation of the model.
+        proposals: proposals of effects that the model does not contain.
+        extra: derivatives of the shapes by what each proposal adds, see `linear_evidence.columns`.
+    """
+
+    at: Simulated
+    proposals: tuple[Proposal, ...]
+    extra: Extra
+
+    def serves(self, other: Simulated) -> bool:
+        """Whether these derivatives serve another model, too, since its shapes are near."""
+        pairs = zip(self.at.predicted, other.predicted, strict=True)
+        apart = [np.linalg.norm((a - b)[..., :3], axis=2).mean() for a, b in pairs]
+        return float(np.mean(apart)) < SHAPES_ALIKE * other.model.settings.rod.length
+
+    def beside(self, model: ParametricModel) -> Offer:
+        """The offer of effects that another model does not contain."""
+        absent = (p for p in self.proposals if p.start and not is_present(model, p.start))
+        return replace(self, proposals=tuple(absent))
+
+
+def offered(
+    at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start],
+    known: Offer | None = None,
+) -> Offer:  # fmt: skip
+    """Simulate every effect that might be added to a model.
+
+    Args:
+        begun: effects that might be added, at their starting values.
+        known: an offer for another model, which may serve this one.
+    """
+    if known is not None and known.serves(at):
+        return known.beside(at.model)
+    proposals = added(at.model, begun)
+    extra: Extra = {}
+    linear = is_linear(at.model.settings)
+    for together in simulated_together(at.model.settings, proposals):
+        model, names = with_proposals(at.model, together)
+        try:
+            if linear and names and not is_linear(model.settings):
+                for p in together:
+                    extra[id(p)] = _differences(at, p, recordings)
+            else:
+                extra |= columns(at, together, simulate(model, recordings, names))
+        except SimulationError as err:
+            LOG.info("%s: %s", ", ".join(p.label for p in together), err)
+    return Offer(at, tuple(p for p in proposals if id(p) in extra), extra)
+
+
+def _differences(
+    at: Evaluation, proposal: Proposal, recordings: Sequence[Recording]
+) -> tuple[FloatArray, ...]:
+    """Derivatives by what an effect adds beside which the rod is no longer linear.
+
+    Two such runs without derivatives cost less than one with them.
+    """
+    model, names = with_proposals(at.model, [proposal])
+    pairs = zip(recordings, at.fields, strict=True)
+    return tuple(differences(model, r, names, residual) for r, (residual, _) in pairs)
+
+
+def ranked_proposals(at: Evaluation, offer: Offer, *, smooth: bool = False) -> list[PredictedGain]:
+    """The predictions of all proposals, best first.
+
+    Args:
+        offer: offer of the same model, or of one whose shapes differ by little.
+        smooth: whether only those that are linear at first.
+    """
+    proposals = [
+        p for p in (*freed(at.model), *offer.proposals)
+        if not smooth or p.from_nothing
+    ]  # fmt: skip
+    known = [p for p in predicted_gains(at, proposals, offer.extra) if np.isfinite(p.gain)]
+    return sorted(known, key=lambda p: -p.gain)
