@@ -24,6 +24,7 @@ SETTINGS = {
     "estimate.OPEN",
     "force_scale.CLOSE",
     "initial_fit.FALLS",
+    "initial_fit.IN_TIME",
     "joint_fit.DAMPED",
     "joint_fit.GOOD",
     "joint_fit.POOR",
@@ -33,6 +34,7 @@ SETTINGS = {
     "observation_operator.NEGLECTED",
     "recorded_inputs.LEAST",
     "linearised_model.FLAT",
+    "variances.CONVERGED",
     "wrench_identification.ROUNDING",
     # How much is tried, kept or shown.
     "candidate_trials.CHECKED",

@@ -107,26 +107,26 @@ def spectrum(residual: FloatArray, jacobian: FloatArray, control_points: int) ->
     n = control_points
     vectors, shares = modes(n)
     nodal = nodal_shares(n)
-    r = dct(residual, axis=0, norm="ortho").reshape(frames, -1, n) @ vectors  # (F, parts, n)
-    j = dct(jacobian, axis=0, norm="ortho").reshape(frames, jacobian.shape[1], -1, n) @ vectors
+    both = np.concatenate([residual[:, None], jacobian], axis=1)  # (F, 1 + P, K)
+    both = dct(both, axis=0, norm="ortho").reshape(-1, n) @ vectors
+    both = both.reshape(frames, -1, width // n, n).transpose(2, 3, 0, 1)
+    both = np.ascontiguousarray(both)  # (parts, n, F, 1 + P)
     groups = list(pairwise([*(g for g in MODE_GROUPS if g < n), n]))
     smooth, own = ([float(x[a:b].mean()) for a, b in groups] for x in (shares, nodal))
-    rows: list[tuple[float, float, FloatArray, FloatArray, int, float, float, float]] = []
+    products: list[FloatArray] = []
+    rows: list[tuple[int, int, float, float, float]] = []
     for low, high in bands(frames):
         frequency = np.pi * 0.5 * (low + high - 1) / frames
         for part in range(width // n):
             for (first, last), share, alone in zip(groups, smooth, own, strict=True):
-                x = r[low:high, part, first:last].ravel()
-                y = j[low:high, :, part, first:last].transpose(0, 2, 1).reshape(len(x), -1)
-                rows.append(
-                    (float(len(x)), float(x @ x), x @ y, y.T @ y, part, share, alone, frequency)
-                )
-    count, sum_of_squares, gradient, hessian, parts, share_of, owns, frequencies = zip(
-        *rows, strict=True
-    )
+                x = both[part, first:last, low:high].reshape(-1, both.shape[3])
+                products.append(x.T @ x)
+                rows.append((len(x), part, share, alone, frequency))
+    product = np.array(products)  # (B, 1 + P, 1 + P)
+    count, parts, share_of, owns, frequencies = zip(*rows, strict=True)
     frequency = np.array(frequencies)
     return Spectrum(
-        frames, np.array(count), np.array(sum_of_squares), np.array(gradient), np.array(hessian),
-        np.array(parts), np.array(share_of), np.full(len(rows), 1.0 / n), np.array(owns), frequency,
-        np.where(frequency == 0.0, float(frames), 0.0),
+        frames, np.array(count, dtype=np.float64), product[:, 0, 0], product[:, 0, 1:],
+        product[:, 1:, 1:], np.array(parts), np.array(share_of), np.full(len(rows), 1.0 / n),
+        np.array(owns), frequency, np.where(frequency == 0.0, float(frames), 0.0),
     )  # fmt: skip

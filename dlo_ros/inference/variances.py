@@ -14,12 +14,11 @@ calibration of computer models, 2001). Nothing is simulated for it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
-from scipy.optimize import minimize
 
 from dlo_ros.inference.spectrum import Spectrum, joined
 from dlo_ros.inference.thresholds import FEWEST_FRAMES, SMALL_SHARE
@@ -45,7 +44,11 @@ NOISE_MEMORY = 0.9
 """The same of the noise: trackers look back over a few frames, and no further."""
 LEAST_OTHERS = 0.02
 """Smallest share of the information on a number by which other recordings than one count."""
-ITERATIONS = 40
+ITERATIONS, CONVERGED = 40, 1e-3
+"""Steps of a search for variances at most, and the expected gain in log evidence at its end."""
+LONGEST_STEP, LEAST_DAMPING, FLATTEST = 3.0, 0.1, 1e-9
+"""Largest change of the logarithm of a variance in a step; Marquardt's damping at first, with which
+no step leaps over the nearest optimum; and the information below which nothing is known."""
 LEAST_START = 0.01
 """Share of what the residuals suggest that a variance is at the beginning of a search at least."""
 
@@ -202,19 +205,57 @@ def fit_variances(
     bins, rows = joined(spectra), _rows(spectra)
     bounds = _bounds(spectra, _missed(spectra, offset, precision, length), length)
 
-    def cost(x: FloatArray) -> tuple[float, FloatArray]:
-        value, slope = _cost(x, bins, rows, offset, precision)
+    def cost(x: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        value, slope, information = _cost(x, bins, rows, offset, precision)
         unlikely = _unlikely(x, rows, length)
-        return value + float(np.sum(unlikely)), slope + unlikely
+        return value + float(np.sum(unlikely)), slope + unlikely, information + np.diag(unlikely)
 
-    x0 = np.clip(x0, [b[0] for b in bounds], [b[1] for b in bounds])
-    done = minimize(
-        cost, x0, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": iterations}
-    )
-    found = _unpacked(done.x, spectra)
+    x = _scored(cost, x0, bounds, iterations)
+    found = _unpacked(x, spectra)
     best = posterior(spectra, found, offset, precision)
-    unlikely = float(np.sum(_unlikely(done.x, rows, length)))
+    unlikely = float(np.sum(_unlikely(x, rows, length)))
     return found, replace(best, evidence=best.evidence - unlikely)
+
+
+def _scored(
+    cost: Callable[[FloatArray], tuple[float, FloatArray, FloatArray]], x: FloatArray,
+    bounds: FloatArray, iterations: int,
+) -> FloatArray:  # fmt: skip
+    """Fisher scoring within bounds, damped where a step would not lower the cost.
+
+    The likelihood is flat along variances that are nearly zero, where a search along gradients
+    takes hundreds of iterations (Gilmour, Thompson and Cullis, Average information REML, 1995).
+
+    Args:
+        cost: function that returns minus the log likelihood, its gradient, and the information.
+        x: where it begins, shape (m,).
+        bounds: shape (m, 2).
+        iterations: largest number of steps that are tried.
+    """
+    lower, upper = bounds.T
+    x = np.clip(x, lower, upper)
+    value, slope, information = cost(x)
+    damping = LEAST_DAMPING
+    for _ in range(iterations):
+        held = ((x <= lower) & (slope > 0.0)) | ((x >= upper) & (slope < 0.0))
+        k = np.flatnonzero(~held)
+        lhs = information[np.ix_(k, k)]
+        lhs = lhs + np.diag(damping * np.diag(lhs) + FLATTEST)
+        step = np.zeros_like(x)
+        step[k] = np.clip(-np.linalg.solve(lhs, slope[k]), -LONGEST_STEP, LONGEST_STEP)
+        trial = np.clip(x + step, lower, upper)
+        if float(slope @ (x - trial)) < CONVERGED:
+            break
+        try:
+            found = cost(trial)
+        except np.linalg.LinAlgError:
+            found = (np.inf, slope, information)
+        if found[0] < value:
+            x, (value, slope, information) = trial, found
+            damping = max(0.1 * damping, LEAST_DAMPING)
+        else:
+            damping *= 10.0
+    return x
 
 
 def guess(spectrum: Spectrum, length: float) -> Variances:
@@ -299,10 +340,8 @@ def _missed(
     return result
 
 
-def _bounds(
-    spectra: Sequence[Spectrum], missed: Sequence[float], length: float
-) -> list[tuple[float, float]]:
-    """Bounds of the packed numbers.
+def _bounds(spectra: Sequence[Spectrum], missed: Sequence[float], length: float) -> FloatArray:
+    """Bounds of the packed numbers, shape (m, 2).
 
     Args:
         missed: see `_missed`.
@@ -318,25 +357,32 @@ def _bounds(
     noise = [(each, high) for each in least for _ in range(parts)]
     noise += [(low - 5.0, high)] * parts
     staying = [(low - 5.0, high)] * (2 * parts)
-    return [*noise, *[fading] * parts, *staying, memory, *[noise_memory] * parts]
+    return np.array([*noise, *[fading] * parts, *staying, memory, *[noise_memory] * parts])
 
 
 def _cost(
     x: FloatArray, bins: Spectrum, rows: np.ndarray, offset: FloatArray, precision: FloatArray
-) -> tuple[float, FloatArray]:
-    """Minus the log marginal likelihood, and its derivatives by the packed numbers.
+) -> tuple[float, FloatArray, FloatArray]:
+    """Minus the log marginal likelihood, its derivatives by the packed numbers, and information.
+
+    The information is the expected one, as if no parameter of the model were fitted.
 
     Args:
         rows: see `_rows`.
     """
     sizes, memory, noise_memory = _parted(x, bins.parts)
     parts = sizes[rows] * _components(bins, memory, noise_memory)
-    value, _, _, slope = _marginal_likelihood(bins, parts.sum(axis=0), offset, precision)
-    by_size = np.bincount(rows.ravel(), (slope * parts).ravel())
-    noise, fading = slope * (parts[0] + parts[1]), slope * parts[2]
-    faster = noise * ar1_rate(noise_memory[bins.part], bins.frequency)
-    memories = [-float(fading @ ar1_rate(memory, bins.frequency)), *-np.bincount(bins.part, faster)]
-    return value, np.concatenate([by_size, memories])
+    variance = parts.sum(axis=0)
+    value, _, _, slope = _marginal_likelihood(bins, variance, offset, precision)
+    changes, bin_ = np.zeros((len(x), len(variance))), np.arange(len(variance))
+    for row, part in zip(rows, parts, strict=True):
+        changes[row, bin_] += part
+    place = len(x) - 1 - bins.parts
+    changes[place] = -parts[2] * ar1_rate(memory, bins.frequency)
+    faster = -(parts[0] + parts[1]) * ar1_rate(noise_memory[bins.part], bins.frequency)
+    changes[place + 1 + bins.part, bin_] = faster
+    relative = changes * np.sqrt(0.5 * bins.count) / variance
+    return value, changes @ slope, relative @ relative.T
 
 
 def ar1_rate(memory: float | FloatArray, frequency: FloatArray) -> FloatArray:

@@ -71,7 +71,7 @@ def test_derivatives_of_the_marginal_likelihood():
     bins, rows = joined(spectra), core._rows(spectra)
 
     def cost(x):
-        value, slope = core._cost(x, bins, rows, offset, precision)
+        value, slope, _ = core._cost(x, bins, rows, offset, precision)
         unlikely = core._unlikely(x, rows, LENGTH)
         return value + unlikely.sum(), slope + unlikely
 
