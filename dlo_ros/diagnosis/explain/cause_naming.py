@@ -34,7 +34,7 @@ from dlo_ros.inference.thresholds import (
 
 LOG = logging.getLogger(__name__)
 
-RIVAL_FITS = 2
+RIVAL_FITS = 3
 Bares = dict[str, Evaluation | None]
 """Fits without single causes, by the causes' labels; None where nothing could be simulated."""
 
@@ -173,7 +173,7 @@ def named(
             little = _taken_away(here, there, group) < least and not strains(bare, at)
             if there.mean_err < OWN * min(own, here.mean_err) or little:
                 continue
-        offer = offered(at, recordings, [s for s in begun if s.neutral], offer)
+        offer = offered(at, recordings, begun, offer)
         rivals = _rivals(at, bare, group, recordings, offer)
         names_ = tuple(p.name for p in group.parameters)
         result.append(Cause(group.effect, names_, rivals, _loss_without(at, bare), bare.mean_err))
@@ -219,7 +219,7 @@ def _rivals(
     missing = loss - max(WORTH, SAME_GAIN * loss)
     result: dict[str, Block] = {}
     fits = 0
-    for predicted in ranked_proposals(bare, offer, smooth=True):
+    for predicted in ranked_proposals(bare, offer):
         effect = predicted.proposal.effect
         if effect == group.effect or effect in result or predicted.gain < PROMISING * missing:
             continue

@@ -103,16 +103,12 @@ def _differences(
     return tuple(differences(model, r, names, residual) for r, (residual, _) in pairs)
 
 
-def ranked_proposals(at: Evaluation, offer: Offer, *, smooth: bool = False) -> list[PredictedGain]:
+def ranked_proposals(at: Evaluation, offer: Offer) -> list[PredictedGain]:
     """The predictions of all proposals, best first.
 
     Args:
         offer: offer of the same model, or of one whose shapes differ by little.
-        smooth: whether only those that are linear at first.
     """
-    proposals = [
-        p for p in (*freed(at.model), *offer.proposals)
-        if not smooth or p.from_nothing
-    ]  # fmt: skip
+    proposals = [*freed(at.model), *offer.proposals]
     known = [p for p in predicted_gains(at, proposals, offer.extra) if np.isfinite(p.gain)]
     return sorted(known, key=lambda p: -p.gain)
