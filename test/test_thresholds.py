@@ -22,6 +22,7 @@ ROUNDING = 1e-5
 SETTINGS = {
     # Where an iteration, a step or a sum ends, and rounding.
     "estimate.OPEN",
+    "fisher_scoring.CONVERGED",
     "force_scale.CLOSE",
     "initial_fit.FALLS",
     "initial_fit.IN_TIME",
@@ -34,7 +35,6 @@ SETTINGS = {
     "observation_operator.NEGLECTED",
     "recorded_inputs.LEAST",
     "linearised_model.FLAT",
-    "variances.CONVERGED",
     "wrench_identification.ROUNDING",
     # How much is tried, kept or shown.
     "candidate_trials.CHECKED",

@@ -14,12 +14,13 @@ calibration of computer models, 2001). Nothing is simulated for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
 
+from dlo_ros.inference.fisher_scoring import scored
 from dlo_ros.inference.spectrum import Spectrum, joined
 from dlo_ros.inference.thresholds import FEWEST_FRAMES, SMALL_SHARE
 from dlo_ros.spline import FloatArray
@@ -44,11 +45,8 @@ NOISE_MEMORY = 0.9
 """The same of the noise: trackers look back over a few frames, and no further."""
 LEAST_OTHERS = 0.02
 """Smallest share of the information on a number by which other recordings than one count."""
-ITERATIONS, CONVERGED = 40, 1e-3
-"""Steps of a search for variances at most, and the expected gain in log evidence at its end."""
-LONGEST_STEP, LEAST_DAMPING, FLATTEST = 3.0, 0.1, 1e-9
-"""Largest change of the logarithm of a variance in a step; Marquardt's damping at first, with which
-no step leaps over the nearest optimum; and the information below which nothing is known."""
+ITERATIONS = 40
+"""Steps of a search for variances at most."""
 LEAST_START = 0.01
 """Share of what the residuals suggest that a variance is at the beginning of a search at least."""
 
@@ -210,52 +208,11 @@ def fit_variances(
         unlikely = _unlikely(x, rows, length)
         return value + float(np.sum(unlikely)), slope + unlikely, information + np.diag(unlikely)
 
-    x = _scored(cost, x0, bounds, iterations)
+    x = scored(cost, x0, bounds, iterations)
     found = _unpacked(x, spectra)
     best = posterior(spectra, found, offset, precision)
     unlikely = float(np.sum(_unlikely(x, rows, length)))
     return found, replace(best, evidence=best.evidence - unlikely)
-
-
-def _scored(
-    cost: Callable[[FloatArray], tuple[float, FloatArray, FloatArray]], x: FloatArray,
-    bounds: FloatArray, iterations: int,
-) -> FloatArray:  # fmt: skip
-    """Fisher scoring within bounds, damped where a step would not lower the cost.
-
-    The likelihood is flat along variances that are nearly zero, where a search along gradients
-    takes hundreds of iterations (Gilmour, Thompson and Cullis, Average information REML, 1995).
-
-    Args:
-        cost: function that returns minus the log likelihood, its gradient, and the information.
-        x: where it begins, shape (m,).
-        bounds: shape (m, 2).
-        iterations: largest number of steps that are tried.
-    """
-    lower, upper = bounds.T
-    x = np.clip(x, lower, upper)
-    value, slope, information = cost(x)
-    damping = LEAST_DAMPING
-    for _ in range(iterations):
-        held = ((x <= lower) & (slope > 0.0)) | ((x >= upper) & (slope < 0.0))
-        k = np.flatnonzero(~held)
-        lhs = information[np.ix_(k, k)]
-        lhs = lhs + np.diag(damping * np.diag(lhs) + FLATTEST)
-        step = np.zeros_like(x)
-        step[k] = np.clip(-np.linalg.solve(lhs, slope[k]), -LONGEST_STEP, LONGEST_STEP)
-        trial = np.clip(x + step, lower, upper)
-        if float(slope @ (x - trial)) < CONVERGED:
-            break
-        try:
-            found = cost(trial)
-        except np.linalg.LinAlgError:
-            found = (np.inf, slope, information)
-        if found[0] < value:
-            x, (value, slope, information) = trial, found
-            damping = max(0.1 * damping, LEAST_DAMPING)
-        else:
-            damping *= 10.0
-    return x
 
 
 def guess(spectrum: Spectrum, length: float) -> Variances:

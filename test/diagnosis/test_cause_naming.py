@@ -267,7 +267,7 @@ def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch,
         found.model = SimpleNamespace(settings=SimpleNamespace(effects=effects))
         return found
 
-    monkeypatch.setattr(cause_naming, "ranked_proposals", lambda *_, smooth: offers)
+    monkeypatch.setattr(cause_naming, "ranked_proposals", lambda *_: offers)
     monkeypatch.setattr(cause_naming, "fitted", fitted)
     tilt = SimpleNamespace(effect="gravity_tilt")
     at, bare = evaluation(100.0, 1e-3), evaluation(60.0, 5e-3)

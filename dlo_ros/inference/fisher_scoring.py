@@ -1,0 +1,62 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The maximum of a likelihood within bounds, by Fisher scoring."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dlo_ros.spline import FloatArray
+
+CONVERGED = 1e-3
+"""Expected gain in log likelihood at which a search ends."""
+LONGEST_STEP, LEAST_DAMPING, FLATTEST = 3.0, 0.1, 1e-9
+"""Largest change of a number, such as the logarithm of a variance, in a step; Marquardt's damping
+at first, with which no step leaps over the nearest optimum; and the information below which nothing
+is known."""
+
+
+def scored(
+    cost: Callable[[FloatArray], tuple[float, FloatArray, FloatArray]], x: FloatArray,
+    bounds: FloatArray, iterations: int,
+) -> FloatArray:  # fmt: skip
+    """Fisher scoring within bounds, damped where a step would not lower the cost.
+
+    The likelihood is flat along variances that are nearly zero, where a search along gradients
+    takes hundreds of iterations (Gilmour, Thompson and Cullis, Average information REML, 1995).
+
+    Args:
+        cost: function that returns minus the log likelihood, its gradient, shape (m,), and the
+            information, shape (m, m).
+        x: where it begins, shape (m,).
+        bounds: smallest and largest values, shape (m, 2).
+        iterations: largest number of steps that are tried.
+
+    Raises:
+        numpy.linalg.LinAlgError: there is no likelihood where it begins.
+    """
+    lower, upper = bounds.T
+    x = np.clip(x, lower, upper)
+    value, slope, information = cost(x)
+    damping = LEAST_DAMPING
+    for _ in range(iterations):
+        held = ((x <= lower) & (slope > 0.0)) | ((x >= upper) & (slope < 0.0))
+        k = np.flatnonzero(~held)
+        lhs = information[np.ix_(k, k)]
+        lhs = lhs + np.diag(damping * np.diag(lhs) + FLATTEST)
+        step = np.zeros_like(x)
+        step[k] = np.clip(-np.linalg.solve(lhs, slope[k]), -LONGEST_STEP, LONGEST_STEP)
+        trial = np.clip(x + step, lower, upper)
+        if float(slope @ (x - trial)) < CONVERGED:
+            break
+        try:
+            found = cost(trial)
+        except np.linalg.LinAlgError:
+            found = (np.inf, slope, information)
+        if found[0] < value:
+            x, (value, slope, information) = trial, found
+            damping = max(0.1 * damping, LEAST_DAMPING)
+        else:
+            damping *= 10.0
+    return x
