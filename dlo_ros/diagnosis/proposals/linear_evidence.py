@@ -146,11 +146,12 @@ def simulated_together(
             alone = settings.with_effects({p.effect: p.start.block})
             linear[is_linear(alone)].append(p)
     for neutral in linear.values():
-        rest = neutral
-        while rest:
-            first = {p.effect: p for p in reversed(rest)}
+        while neutral:
+            first: dict[str, Proposal] = {}
+            for p in neutral:
+                first.setdefault(p.effect, p)
             result.append(list(first.values()))
-            rest = [p for p in rest if p is not first[p.effect]]
+            neutral = [p for p in neutral if p is not first[p.effect]]
     return result
 
 
