@@ -25,7 +25,6 @@ SETTINGS = {
     "fisher_scoring.CONVERGED",
     "force_scale.CLOSE",
     "initial_fit.FALLS",
-    "initial_fit.IN_TIME",
     "joint_fit.DAMPED",
     "joint_fit.GOOD",
     "joint_fit.POOR",

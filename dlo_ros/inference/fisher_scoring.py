@@ -11,10 +11,12 @@ from dlo_ros.spline import FloatArray
 
 CONVERGED = 1e-3
 """Expected gain in log likelihood at which a search ends."""
-LONGEST_STEP, LEAST_DAMPING, FLATTEST = 3.0, 0.1, 1e-9
-"""Largest change of a number, such as the logarithm of a variance, in a step; Marquardt's damping
-at first, with which no step leaps over the nearest optimum; and the information below which nothing
-is known."""
+LONGEST_STEP = 3.0
+"""Largest change of a number, such as the logarithm of a variance, in a step; an uncertainty as
+large is added to the information, so that numbers of which nothing is known do not go astray."""
+LEAST_DAMPING, MOST_DAMPING = 0.1, 1e6
+"""Marquardt's damping at first, with which no step leaps over the nearest optimum, and at which a
+search ends."""
 
 
 def scored(
@@ -44,12 +46,16 @@ def scored(
         held = ((x <= lower) & (slope > 0.0)) | ((x >= upper) & (slope < 0.0))
         k = np.flatnonzero(~held)
         lhs = information[np.ix_(k, k)]
-        lhs = lhs + np.diag(damping * np.diag(lhs) + FLATTEST)
+        lhs = lhs + np.diag(damping * np.diag(lhs) + LONGEST_STEP**-2)
         step = np.zeros_like(x)
         step[k] = np.clip(-np.linalg.solve(lhs, slope[k]), -LONGEST_STEP, LONGEST_STEP)
         trial = np.clip(x + step, lower, upper)
-        if float(slope @ (x - trial)) < CONVERGED:
+        gain = float(slope @ (x - trial))
+        if 0.0 <= gain < CONVERGED or damping > MOST_DAMPING:
             break
+        if gain < 0.0:
+            damping *= 10.0
+            continue
         try:
             found = cost(trial)
         except np.linalg.LinAlgError:

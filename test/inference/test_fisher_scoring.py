@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from dlo_ros.inference.fisher_scoring import scored
 
@@ -59,3 +60,31 @@ def test_a_step_into_what_has_no_likelihood_is_shortened():
 
     found = scored(cost, np.array([-12.0, 0.0]), WIDE, 40)
     assert found[0] == pytest.approx(np.log(1e-6), abs=0.1)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_it_ends_where_a_long_search_along_the_gradient_does(seed):
+    """Variances of which most are nearly zero, with spectra that are alike."""
+    rng = np.random.default_rng(seed)
+    frequency = np.linspace(0.0, np.pi, 60)
+    memories = np.array([0.0, 0.3, 0.9, 0.93, 0.99])[:, None]
+    shapes = (1.0 - memories**2) / (1.0 - 2.0 * memories * np.cos(frequency) + memories**2)
+    counts = rng.integers(4, 40, 60).astype(float)
+    true = np.exp([-18.0, -40.0, -22.0, -40.0, -40.0]) @ shapes
+    squares = true * rng.chisquare(counts)
+
+    def cost(x):
+        parts = np.exp(x)[:, None] * shapes
+        total = parts.sum(axis=0)
+        value = 0.5 * float(counts @ np.log(total) + squares @ (1.0 / total))
+        relative = parts / total
+        slope = relative @ (0.5 * (counts - squares / total))
+        return value, slope, (relative * (0.5 * counts)) @ relative.T
+
+    bounds = np.array([[-33.0, -2.0]] * 5)
+    begin = np.array([-18.5, -18.5, -22.5, -22.5, -22.5])
+    best = minimize(
+        lambda x: cost(x)[:2], begin, jac=True, method="L-BFGS-B", bounds=bounds,
+        options={"maxiter": 2000, "ftol": 1e-15},
+    )  # fmt: skip
+    assert cost(scored(cost, begin, bounds, 40))[0] < best.fun + 0.05

@@ -173,18 +173,18 @@ def explain_again(prepared: Prepared, given: Settings, known: Explanation) -> Ex
         known: the explanation.
 
     Returns:
-        None where there are no causes, or they do not come as near to these recordings as to those
-        in which they were found, or explain no more than the set-up alone does.
+        None where the model does not come as near to these recordings as to those in which its
+        causes were found, or where these explain no more than the set-up alone does.
     """
     recordings, enough = prepared.recordings, material_err(0.0, given)
-    at = fitted(known.at.model, recordings, far=True) if known.proposals else None
+    at = fitted(known.at.model, recordings, far=True)
     if at is None:
         return None
     # Correlated errors let a fit drift from the shapes: what counts is how near the model can come.
     near, before = approached(at, recordings).mean_err, known.at.mean_err
     LOG.info("known causes: %.3f mm, %.3f mm before", 1e3 * near, 1e3 * before)
     gain = at.posterior.evidence - prepared.setup.posterior.evidence
-    if near > max(OWN * before, enough) or gain < WORTH:
+    if near > max(OWN * before, enough) or (known.proposals and gain < WORTH):
         return None
     found = Search(at, known.proposals, known.trace, None)
     if at.mean_err > max(OWN * own_err(at, recordings), enough):

@@ -50,8 +50,7 @@ FALLS = 0.7
 """Error over that of a coarser simulation, below which the finer one is worth its time."""
 DRAFT_SPANS = 2
 """Knot spans of a draft's simulation over those of the observed spline."""
-DRAFT_TOLERANCES = (1e-3, 3e-3, 1e-2)
-"""Tolerances of a draft's time steps: the first one, and larger ones that are tried."""
+DRAFT_TOLERANCE = 1e-3
 DRAFT_FRAMES = 800
 LEAST_FRAMES = 100
 """Frames that a draft goes through: most of all recordings together, least of one."""
@@ -224,7 +223,7 @@ def _with_noise(recordings: Sequence[Recording], at: Simulated) -> tuple[Recordi
 
 def _coarse(recordings: Sequence[Recording], settings: Settings) -> tuple[Recording, ...]:
     """The recordings with simulations of few knot spans and long time steps."""
-    tolerance = max(DRAFT_TOLERANCES[0], settings.simulation.tolerance)
+    tolerance = max(DRAFT_TOLERANCE, settings.simulation.tolerance)
     return tuple(
         replace(r, spans=DRAFT_SPANS * (r.observed.shape[1] - DEGREE), tolerance=tolerance)
         for r in recordings
@@ -331,57 +330,26 @@ def drafts(recordings: Sequence[Recording], at: Simulated) -> tuple[Recording, .
     """
     result = []
     for recording, r, fine in zip(recordings, whitened(at, recordings), at.predicted, strict=True):
+        coarse = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
         most = max(IMMATERIAL, DRAFT_SHARE * _rms([r]))
-        draft = _draft(recording, at.model, fine, most)
+        tolerance = max(DRAFT_TOLERANCE, recording.tolerance or 0.0)
+        finest = recording.spans or coarse * 2**SPACE_ROUNDS
+        coarser = [coarse * 2**k for k in range(SPACE_ROUNDS) if coarse * 2**k < finest]
+        for spans in (*coarser, recording.spans):
+            draft = replace(recording, spans=spans, tolerance=tolerance)
+            try:
+                draft_at = simulate(at.model, [draft], ())
+            except SimulationError:
+                continue
+            apart = draft_at.predicted[0][..., :3] - fine[..., :3]
+            if _rms([recording.coefficients(apart) / recording.noise]) < most:
+                # What it does wrong with this model, it does with others, nearly.
+                draft = draft.moved(apart)
+                break
+        else:
+            draft = recording
         result.append(draft.until(_long_enough(r, len(recordings)) + len(recording.times) - len(r)))
     return tuple(result)
-
-
-def _draft(
-    recording: Recording, model: ParametricModel, fine: FloatArray, most: float
-) -> Recording:  # fmt: skip
-    """The recording with the fewest knot spans that will do, and time steps that add no error.
-
-    Args:
-        fine: control points of the fine simulation of a model [m], shape (F, n, 4).
-        most: error that is allowed, in units of the noise.
-
-    Returns:
-        The recording as it is, where no coarser simulation will do.
-    """
-    coarse = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
-    finest = recording.spans or coarse * 2**SPACE_ROUNDS
-    coarser = [coarse * 2**k for k in range(SPACE_ROUNDS) if coarse * 2**k < finest]
-    least = recording.tolerance or 0.0
-    longer = sorted({max(t, least) for t in DRAFT_TOLERANCES})
-    best, error = recording, np.zeros_like(fine[..., :3])
-    for spans in (*coarser, recording.spans):
-        found = _error(replace(recording, spans=spans, tolerance=longer[0]), model, fine)
-        if found is not None and _in_noise(recording, found) < most:
-            best, error = replace(recording, spans=spans, tolerance=longer[0]), found
-            break
-    exact_in_time = error
-    for tolerance in longer[1:]:
-        draft = replace(best, tolerance=tolerance)
-        found = _error(draft, model, fine)
-        if found is None or _in_noise(recording, found - exact_in_time) >= IN_TIME * IMMATERIAL:
-            break
-        best, error = draft, found
-    # What it does wrong with this model, it does with others, nearly.
-    return best if best is recording else best.moved(error)
-
-
-def _error(recording: Recording, model: ParametricModel, fine: FloatArray) -> FloatArray | None:
-    """Control points of a simulation less those of a finer one [m]; None where it fails."""
-    try:
-        return np.asarray((simulate(model, [recording], ()).predicted[0] - fine)[..., :3])
-    except SimulationError:
-        return None
-
-
-def _in_noise(recording: Recording, apart: FloatArray) -> float:
-    """Root mean square of a difference of control points, in units of the noise."""
-    return _rms([recording.coefficients(apart) / recording.noise])
 
 
 def _long_enough(residual: FloatArray, recordings: int) -> int:
