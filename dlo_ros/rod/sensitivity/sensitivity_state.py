@@ -95,3 +95,38 @@ def add(target, factor, source):
     """Add factor * source to target, both of shape (m,)."""
     for i in range(target.size):
         target[i] += factor * source[i]
+
+
+@linked()
+def grown_rates(system, varying, factor):
+    """Derivatives of a rod's numbers where its free length is multiplied by a factor.
+
+    Args:
+        system: the rod, with two variants for each parameter; see `equation_system.grown`.
+        varying: its derivatives.
+    """
+    r, u, more = varying.rates, system.uniform, factor - 1.0
+    s, mass, spin = r.stiffness, r.mass.copy(), r.spin.copy()
+    drag, load = r.drag.copy(), r.load.copy()
+    for a in range(varying.step.size):
+        k, share = 1 + 2 * a, 0.5 * more / varying.step[a]
+        mass[a] += share * (u.mass[k] - u.mass[k + 1])
+        spin[a] += share * (u.spin[k] - u.spin[k + 1])
+        drag[a] += share * (u.drag[k] - u.drag[k + 1])
+        load[a] += share * (u.load[k] - u.load[k + 1])
+    stiffness = Stiffness(
+        s.stretch / factor, factor * s.stretch_rest, factor * s.bend, s.bend_rest,
+        s.twist / factor, factor * s.twist_rest,
+    )  # fmt: skip
+    return Rates(
+        stiffness, mass, spin, drag, load, r.relaxation_time, r.law, r.friction, r.brake, r.bodies
+    )
+
+
+@linked()
+def with_rates(v, rates):
+    """The derivatives of the same state, with others of the rod's numbers."""
+    return SensitivityState(
+        v.step, v.moves, rates, v.kind, v.q, v.velocity, v.acceleration, v.auxiliary, v.reference,
+        v.frames, v.stretch, v.stretch_before, v.other, v.other_before, v.internal,
+    )  # fmt: skip

@@ -83,6 +83,25 @@ def growth(imposed, k, time):
 
 
 @linked()
+def grown(system, factor):
+    """The rod itself, without its variants, with its free length multiplied by a factor.
+
+    Laws and surroundings stay as they are; see `material_at_rest`.
+    """
+    s, u, more = system.stiffness, system.uniform, factor - 1.0
+    stiffness = Stiffness(
+        s.stretch[:1] / factor, factor * (1.0 + s.stretch_rest[:1]) - 1.0, factor * s.bend[:1],
+        1.0 * s.bend_rest[:1], s.twist[:1] / factor, factor * s.twist_rest[:1],
+    )  # fmt: skip
+    return System(
+        system.rule, stiffness, system.law, system.around, system.mass[:1] + more * u.mass[:1],
+        system.spin[:1] + more * u.spin[:1], system.drag[:1] + more * u.drag[:1],
+        system.load[:1] + more * u.load[:1], u, system.relaxation_time, system.reach, system.fixed,
+        system.pins, system.pin_rows, system.length,
+    )  # fmt: skip
+
+
+@linked()
 def material_at_rest(system, k, factor, internal):
     """The material of variant k at rest, its free length multiplied by a factor.
 
