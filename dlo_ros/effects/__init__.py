@@ -23,7 +23,6 @@ from dlo_ros.effects.registry import (
     build,
     damping_effect,
     effects,
-    nonsmooth,
     quantities,
     starts,
 )
@@ -42,7 +41,6 @@ __all__ = [
     "build",
     "damping_effect",
     "effects",
-    "nonsmooth",
     "quantities",
     "quantity",
     "starts",

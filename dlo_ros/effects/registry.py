@@ -127,11 +127,6 @@ def check_tolerance(name: str, key: str, value: Any) -> float:
     return number
 
 
-def nonsmooth() -> tuple[str, ...]:
-    """Names of the effects with which a motion has no useful derivatives once they act."""
-    return tuple(name for name, effect in effects().items() if not effect.differentiable)
-
-
 def added_to_damping() -> Mapping[str, tuple[str, str]]:
     """Effects that add to a damping of the parameter file: its name and the effect's key."""
     return {

@@ -8,7 +8,7 @@ from typing import ClassVar
 import pytest
 from rods import PAPER
 
-from dlo_ros.effects import Effect, Scene, effects, nonsmooth, quantities, quantity
+from dlo_ros.effects import Effect, Scene, effects, quantities, quantity
 from dlo_ros.errors import ParameterError
 from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import Settings, tolerance
@@ -135,7 +135,7 @@ def test_what_a_fit_sees_of_a_ratio_is_its_logarithm():
 
 
 def test_only_impacts_leave_no_derivatives():
-    assert nonsmooth() == ("obstacle", "wall")
+    assert {n for n, e in effects().items() if not e.differentiable} == {"obstacle", "wall"}
     rough = {name for name, effect in effects().items() if not effect.smooth}
     assert rough == {
         "obstacle", "nonlinear_stiffness", "plasticity", "surface_friction", "wall", "hysteresis",

@@ -30,7 +30,7 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
     Proposal,
     linear_posterior,
 )
-from dlo_ros.effects import Start, nonsmooth
+from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import (
     Evaluation,
@@ -104,11 +104,6 @@ def search(
         known = {c.label for c in causes} | {c.effect for c in causes if c.start is not None}
         known |= dropped
         number = len(causes) + 1
-        if first is not None and _settles(first, recordings, enough):
-            trace.append(_compared(number, first, at, "added"))
-            _tell(trace[-1:])
-            at, causes, first = first[0], [*causes, first[1]], None
-            continue
         offer = offered(at, recordings, begun, offer)
         offers = [(at, _new(ranked_proposals(at, offer), known))]
         if not causes and _strained(at, (), ()) and _matters(at, recordings, enough):
@@ -152,13 +147,6 @@ def search(
         if little and number > 1:
             break
     return Search(at, tuple(causes), tuple(trace), offer)
-
-
-def _settles(first: Trial, recordings: Sequence[Recording], enough: float) -> bool:
-    """Whether something that was hit explains all that matters, so that no other first cause need
-    be tried: nothing but a contact does what a contact does in some pictures alone.
-    """
-    return first[1].effect in nonsmooth() and not _matters(first[0], recordings, enough)
 
 
 def _matters(at: Evaluation, recordings: Sequence[Recording], enough: float) -> bool:
