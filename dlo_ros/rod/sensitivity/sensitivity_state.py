@@ -110,10 +110,11 @@ def grown_rates(system, varying, factor):
     drag, load = r.drag.copy(), r.load.copy()
     for a in range(varying.step.size):
         k, share = 1 + 2 * a, 0.5 * more / varying.step[a]
-        mass[a] += share * (u.mass[k] - u.mass[k + 1])
-        spin[a] += share * (u.spin[k] - u.spin[k + 1])
-        drag[a] += share * (u.drag[k] - u.drag[k + 1])
-        load[a] += share * (u.load[k] - u.load[k + 1])
+        for side, times in ((k, share), (k + 1, -share)):
+            add(mass[a].ravel(), times, u.mass[side].ravel())
+            add(spin[a].ravel(), times, u.spin[side].ravel())
+            add(drag[a].ravel(), times, u.drag[side].ravel())
+            add(load[a].ravel(), times, u.load[side].ravel())
     stiffness = Stiffness(
         s.stretch / factor, factor * s.stretch_rest, factor * s.bend, s.bend_rest,
         s.twist / factor, factor * s.twist_rest,
