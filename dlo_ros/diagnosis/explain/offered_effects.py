@@ -96,7 +96,7 @@ def _differences(
 ) -> tuple[FloatArray, ...]:
     """Derivatives by what an effect adds beside which the rod is no longer linear.
 
-    Two such runs without derivatives cost less than one with them.
+    A run without derivatives for each of its numbers costs less than one with them.
     """
     model, names = with_proposals(at.model, [proposal])
     pairs = zip(recordings, at.fields, strict=True)
