@@ -23,7 +23,6 @@ SETTINGS = {
     # Where an iteration, a step or a sum ends, and rounding.
     "estimate.OPEN",
     "fisher_scoring.CONVERGED",
-    "fisher_scoring.MOST_DAMPING",
     "force_scale.CLOSE",
     "initial_fit.FALLS",
     "joint_fit.DAMPED",

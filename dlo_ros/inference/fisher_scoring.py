@@ -14,9 +14,8 @@ CONVERGED = 1e-3
 LONGEST_STEP = 3.0
 """Largest change of a number, such as the logarithm of a variance, in a step; an uncertainty as
 large is added to the information, so that numbers of which nothing is known do not go astray."""
-LEAST_DAMPING, MOST_DAMPING = 0.1, 1e6
-"""Marquardt's damping at first, with which no step leaps over the nearest optimum, and at which a
-search ends."""
+LEAST_DAMPING = 0.1
+"""Marquardt's damping at first, with which no step leaps over the nearest optimum."""
 
 
 def scored(
@@ -51,7 +50,7 @@ def scored(
         step[k] = np.clip(-np.linalg.solve(lhs, slope[k]), -LONGEST_STEP, LONGEST_STEP)
         trial = np.clip(x + step, lower, upper)
         gain = float(slope @ (x - trial))
-        if 0.0 <= gain < CONVERGED or damping > MOST_DAMPING:
+        if 0.0 <= gain < CONVERGED:
             break
         if gain < 0.0:
             damping *= 10.0

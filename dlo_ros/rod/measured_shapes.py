@@ -78,7 +78,7 @@ class MeasurementMap:
             return change
         result = (change.reshape(-1, 3) @ self._map.T).reshape(change.shape)
         for p in self._measuring:
-            # What is seen later has gone less far.
+            # A shape that is seen later has moved less far.
             result[..., p, :, :] -= self.later_rate[p] * velocity @ self._map.T
             result[..., p, :, :] += shape[..., :3] @ self._map_rate[p].T + self._shift_rate[p]
         return result

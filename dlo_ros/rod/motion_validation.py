@@ -90,7 +90,7 @@ def _from_here(boundary: Boundary, state: State, command: Command, now: float) -
 
 
 def _between_points(command: Command, now: float, until: float, furthest: float) -> list[_Step]:
-    """What is imposed in `AT_ONCE` between points of the command, where it is too fast.
+    """Steps between points of the command that are too fast, as imposed in `AT_ONCE`.
 
     Args:
         now, until: times from the command's start [s].

@@ -188,7 +188,7 @@ def test_what_was_hit_competes_with_the_other_causes(monkeypatch, evidence, firs
 
 
 def test_a_contact_that_explains_all_that_matters_competes_as_well(monkeypatch):
-    """Beside a kink that is missing, a peg explained all, and was named for it."""
+    """A peg explained all where the model lacked a kink, and was named for it."""
     without_simulations(monkeypatch, 1e-3)
     peg, kink = (SimpleNamespace(label=n, effect=n, start=object()) for n in ("peg", "kink"))
     trials = iter([(evaluation(90.0, 0.2e-3), kink), None])

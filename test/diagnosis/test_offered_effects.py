@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What might be added to a model is simulated once, and serves models of nearly the same shapes."""
+"""Effects that may be added to a model are simulated once for models of nearly the same shapes."""
 
 from types import SimpleNamespace
 

@@ -207,7 +207,7 @@ def written_out(
 def _of_both_variants(
     system, imposed, old, new, varying, chosen, grad_s, grad_o, rhs, increments, gaps
 ):
-    """The same for any rod, from the residual of both variants of the chosen parameters.
+    """Right-hand sides of any rod, from the residual of both variants of the chosen parameters.
 
     Args:
         chosen: whether each parameter is one of them, (P,).
@@ -248,7 +248,7 @@ def _of_both_variants(
 def slipping(
     system, imposed, old, new, law, derivatives, varying, grad_s, grad_o, rhs, increments, gaps
 ):
-    """The same for a rod that slips through a grip: its numbers grow with its free length."""
+    """Right-hand sides of a rod that slips through a grip: its numbers grow with its length."""
     time, last, h = new.clock[TIME], old.clock[LAST], new.clock[LAST]
     inner, count = old.internal, varying.step.size
     elastic = inner.plastic.shape[0] + inner.inner.shape[0] + inner.anchor.shape[0] == 0
