@@ -217,16 +217,14 @@ def outliers(*fields: FloatArray) -> np.ndarray:
     wrong = np.zeros(len(flat[0]), dtype=bool)
     if len(wrong) < FEWEST:
         return wrong
-    most = [_usual(_jumps(f)[0]) for f in flat]
+    most = [max(_usual(_jumps(f)[0]), np.finfo(float).tiny) for f in flat]
     first, last = 0, len(wrong)
     while last - first >= FEWEST and wrong.sum() <= MOST_GROSS * len(wrong):
         found = [_jumps(f[first:last]) for f in flat]
+        # Over the largest usual jump, in the field in which a picture jumps least.
+        jump = np.min([j / m for (j, _), m in zip(found, most, strict=True)], axis=0)
         # Beside a picture that jumps its neighbours seem to jump as well: it goes first.
-        out = [
-            (jump > m) & (jump >= maximum_filter1d(jump, 5))
-            for (jump, _), m in zip(found, most, strict=True)
-        ]
-        worst = np.flatnonzero(np.all(out, axis=0))
+        worst = np.flatnonzero((jump > 1.0) & (jump >= maximum_filter1d(jump, 5)))
         if not len(worst):
             break
         wrong[first + worst] = True

@@ -40,6 +40,23 @@ def test_pictures_that_jump_are_found_and_a_wrong_model_is_none():
     assert len(found) <= len(wrong) + 2  # a neighbour may be lost with it
 
 
+def test_of_two_wrong_pictures_either_may_be_the_worse_by_model_and_by_sight():
+    """What was seen and what the model misses need not rank them alike."""
+    rng = np.random.default_rng(3)
+    seen = 1e-4 * rng.normal(size=(90, 10, 3))
+    missed = 1e-4 * rng.normal(size=seen.shape)
+    worse = 0.03 * rng.normal(size=(10, 3))
+    for k, (sight, model) in {
+        30: (1.1, 1.0),
+        31: (-1.0, -1.1),
+        60: (1.0, 1.1),
+        62: (1.1, 1.0),
+    }.items():
+        seen[k] += sight * worse
+        missed[k] += model * worse
+    assert set(np.flatnonzero(outliers(seen, missed))) >= {30, 31, 60, 62}
+
+
 def test_a_few_wrong_pictures_do_not_bend_the_estimate():
     recording = swing(PAPER)
     seen = list(recording.observations)

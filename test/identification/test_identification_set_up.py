@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from field.coverage import condition
 from live_estimates import live_estimate
 from measured import at_rest, swing
 from rods import PAPER
@@ -41,6 +42,14 @@ def turned():
 @pytest.fixture(scope="module")
 def guess():
     return PAPER.with_material(2e7, 2000.0)
+
+
+def test_a_clamp_that_is_off_leads_a_fit_into_no_wrong_valley():
+    """With 23 % of E/mu and five times the ERR a first fit ends there."""
+    drawn = condition(7833, "clamp")
+    found = identify(drawn.recordings, drawn.guess)
+    assert abs(np.log(found.estimate.specific_modulus / drawn.ratio)) < 0.02
+    assert found.fitted.at.mean_err < 2e-4
 
 
 def test_a_clamp_that_points_elsewhere_is_found_and_the_ratio_with_it(turned, guess):

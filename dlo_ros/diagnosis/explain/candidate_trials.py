@@ -129,9 +129,9 @@ def best_trial(
             found = fit(found, recordings, 0) if shorter else longer
             outcome = "gains too little"
         gain = found.posterior.evidence - at.posterior.evidence
-        # A proposal with which predictions lie farther from the shapes is no explanation, whatever
-        # its log evidence: but a fit that has only begun may lie there on its way.
-        if found.mean_err > at.mean_err:
+        # A proposal with which predictions stay farther from the shapes is no explanation, whatever
+        # its log evidence.
+        if not comes_nearer(found, at, recordings):
             outcome = "makes matters worse"
         elif best is None and gain >= WORTH:
             best, outcome = (found, proposal), "added"
@@ -284,11 +284,25 @@ def gains(trial: Trial, at: Evaluation) -> bool:
     return trial[0].posterior.evidence >= at.posterior.evidence + WORTH
 
 
-def best_gain(trials: Sequence[Trial], at: Evaluation) -> Trial | None:
+def best_gain(
+    trials: Sequence[Trial], at: Evaluation, recordings: Sequence[Recording]
+) -> Trial | None:
     """The trial that explains most, nearer to the shapes than a model; None where none gains."""
-    nearer = [trial for trial in trials if trial[0].mean_err < at.mean_err]
-    best = max(nearer, key=lambda trial: trial[0].posterior.evidence, default=None)
-    return best if best is not None and gains(best, at) else None
+    worth = [trial for trial in trials if gains(trial, at)]
+    worth.sort(key=lambda trial: -trial[0].posterior.evidence)
+    return next((trial for trial in worth if comes_nearer(trial[0], at, recordings)), None)
+
+
+def comes_nearer(found: Evaluation, at: Evaluation, recordings: Sequence[Recording]) -> bool:
+    """Whether a fit lies nearer to the shapes than another one, or can come nearer.
+
+    While causes are missing, fits hold slow errors for correlated noise and may lie far from the
+    shapes, with the right cause, too.
+    """
+    if found.mean_err <= at.mean_err:
+        return True
+    there, here = (approached(e, recordings).mean_err for e in (found, at))
+    return there <= here
 
 
 def fitted(

@@ -113,7 +113,7 @@ def search(
             least = (1.0 - LOWERS) * approached(at, recordings).mean_err
         found, steps = best_trial(number, at, offers, recordings, least)
         if first is not None:
-            found = best_gain([first, *([found] if found else [])], at)
+            found = best_gain([first, *([found] if found else [])], at, recordings)
             outcome = "added" if found is first else "fitted, but another gains more"
             steps.append(_compared(number, first, at, outcome))
             first = None
@@ -150,8 +150,12 @@ def search(
 
 
 def _matters(at: Evaluation, recordings: Sequence[Recording], enough: float) -> bool:
-    """Whether what a model leaves is more than the measurement's own error, and than `enough`."""
-    return at.mean_err > max(OWN * own_err(at, recordings), enough)
+    """Whether a model stays farther from the shapes than the measurement errs, and than `enough`.
+
+    As fits drift from the shapes, what counts is how near it can come.
+    """
+    most = max(OWN * own_err(at, recordings), enough)
+    return at.mean_err > most and approached(at, recordings).mean_err > most
 
 
 def takes_little(found: Trial | None, at: Evaluation, recordings: Sequence[Recording]) -> bool:

@@ -53,8 +53,8 @@ def best_contact(
         here = fitted(model, recordings)
         if here is not None:
             found.append((here, proposal))
-    flat = best_gain([f for f in found if f[1].effect == StraightWall.name], at)
-    round_ = best_gain([f for f in found if f[1].effect != StraightWall.name], at)
+    flat = best_gain([f for f in found if f[1].effect == StraightWall.name], at, recordings)
+    round_ = best_gain([f for f in found if f[1].effect != StraightWall.name], at, recordings)
     if flat is None or round_ is None:
         only = flat or round_
         return None if only is None else Contact(only, {})

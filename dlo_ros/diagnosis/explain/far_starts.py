@@ -64,4 +64,4 @@ def best_far_start(
             found.append((settled(evaluate(begins, recordings), recordings), proposal))
         except SimulationError as reason:
             LOG.info("%s: %s", proposal.label, reason)
-    return best_gain(found, at)
+    return best_gain(found, at, recordings)

@@ -37,7 +37,7 @@ from dlo_ros.effects import Scene, Start, effects, starts
 from dlo_ros.effects.base import ROD
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, rejudged, simulate
-from dlo_ros.inference.joint_fit import approached, fit, settled
+from dlo_ros.inference.joint_fit import approached, best_settled, fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import believed, joint_model
@@ -134,7 +134,7 @@ def prepare(recordings: Sequence[Recording], plain: Settings, given: Settings) -
     names = imposed_names(r.manipulation for r in recordings)
     here = scene(plain, names, [r.observed for r in recordings])
     model = believed(joint_model(plain, given, here))
-    at = settled(evaluate(model, recordings), recordings)
+    at = best_settled(evaluate(model, recordings), recordings)
     bare = simulate(ParametricModel(plain, ()), recordings, ())
     return Prepared(recordings, here, bare.mean_err, model, at)
 

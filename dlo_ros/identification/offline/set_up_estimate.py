@@ -23,12 +23,12 @@ from dlo_ros.identification.information import determined_directions, model_shif
 from dlo_ros.identification.offline.initial_fit import Beginning, finer
 from dlo_ros.identification.offline.without_own_error import without_own_error
 from dlo_ros.inference.joint import Evaluation, evaluate, restricted
-from dlo_ros.inference.joint_fit import ITERATIONS, expected_gain, fit, settled
-from dlo_ros.inference.losses import CORRELATED, TO_REPORT, WHITE, misfit
+from dlo_ros.inference.joint_fit import ITERATIONS, best_settled, expected_gain, fit
+from dlo_ros.inference.losses import CORRELATED, TO_REPORT
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
-from dlo_ros.inference.thresholds import CLEARLY_LESS, NAMED, TRACKER_ERROR
+from dlo_ros.inference.thresholds import NAMED
 from dlo_ros.inference.variances import posterior, widened_covariance
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
@@ -36,10 +36,6 @@ from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
-VALLEYS = (0.2, 5.0)
-"""Factors of E from which the open set-up is fitted, too, where more is left than a tracker errs:
-on the right branch a set-up within its tolerances comes nearer."""
-VALLEY_ITERATIONS = 8
 RIDGE = 1e-9
 """Information, in units of the likelier model's, that keeps what the other leaves open finite."""
 EXACT = 1e12
@@ -96,7 +92,7 @@ def weighed(begun: Beginning, given: Settings) -> MaterialFit:
         start = _open(exact, recordings, given)
         if start is None or start.posterior.evidence < _stated(start) - NAMED:
             return _reported(begun, exact, recordings)
-        at = _best_valley(settled(start, recordings), start, recordings)
+        at = best_settled(start, recordings)
         probability = float(expit(at.posterior.evidence - _stated(start)))
         if probability <= 0.5:
             return _reported(begun, exact, recordings, at, probability)
@@ -124,25 +120,6 @@ def _stated(start: Evaluation) -> float:
     """Log evidence of the set-up as stated."""
     own = [p.name for p in start.model.parameters if not p.effect]
     return restricted(start, own).evidence
-
-
-def _best_valley(at: Evaluation, start: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
-    """The fit, or a better local minimum: far away a shape may lie on another branch."""
-    if at.mean_err < TRACKER_ERROR * at.model.settings.rod.length:
-        return at
-    best = at
-    for factor in VALLEYS:
-        theta = start.model.theta()
-        theta[start.model.index("young_modulus")] += np.log(factor)
-        try:
-            found = evaluate(start.model.at(theta), recordings)
-            found = fit(found, recordings, VALLEY_ITERATIONS, loss=WHITE)
-        except SimulationError as err:
-            LOG.info("from %g times E: %s", factor, err)
-            continue
-        if misfit(found, best, WHITE) < CLEARLY_LESS * misfit(best, best, WHITE):
-            best = settled(found, recordings)
-    return best
 
 
 def _reported(
