@@ -24,6 +24,9 @@ ALIKE = (
 )
 """Errors of a set-up of which one does nearly what another does."""
 
+DAMPINGS = {"air_drag": "air_drag", "internal_damping": "relaxation_time"}
+"""Effects as which dampings are told that the parameter file only guesses, and their numbers."""
+
 OUTCOMES = ("named", "rival", "missed")
 """Possible outcomes for the main cause."""
 
@@ -69,6 +72,7 @@ def judge(case: Case, report: dict) -> tuple[str, tuple[str, ...]]:
         outcome = "rival"
     true = set(case.causes) | {n for n in case.set_up if _off(case, n) > 1.0}
     true |= {n for group in ALIKE if group & true for n in group}
+    true |= {effect for effect, key in DAMPINGS.items() if _guess_off(case, key) > 1.0}
     wrong = tuple(e["name"] for e in effects if not ({e["name"]} | set(e["rivals"])) & true)
     return outcome, wrong
 
@@ -86,6 +90,13 @@ def _off(case: Case, name: str) -> float:
     neutral = 1.0 if name == "camera_scale" else 0.0
     flat = np.concatenate([np.atleast_1d(v) for v in case.set_up[name].values()])
     return float(np.abs(flat - neutral).max() / size)
+
+
+def _guess_off(case: Case, key: str) -> float:
+    """How far a guessed damping is too low, in units of its tolerance, a factor of three."""
+    tree = case.trees[0]
+    guess, true = tree["guess"]["damping"], tree["parameters"]["damping"]
+    return 0.0 if f"{key}_std" in guess else float(np.log(true[key] / guess[key]) / np.log(3.0))
 
 
 def share(report: dict, floor: float) -> float | None:
