@@ -46,7 +46,6 @@ class Estimate:
             its name, leaving density_std aside.
         covariance: covariance of the logarithms of `MATERIAL`, known prior information included,
             shape (4, 4).
-        traded: pairs of parameters of which the data determine a combination far better than each.
         significant: whether it differs enough from what was last reported as significant to be
             passed on to a running simulation (online only).
         delay: time by which the DLO moves later than commanded, and its std [s]; None: not known
@@ -62,9 +61,19 @@ class Estimate:
     specific_modulus_std: float | None
     identifiable: dict[str, bool]
     covariance: FloatArray
-    traded: tuple[tuple[str, str], ...] = ()
     significant: bool = False
     delay: tuple[float, float] | None = None
+
+    @property
+    def traded(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of parameters of which the data determine a combination far better than each."""
+        variance = dict(zip(MATERIAL, np.diag(self.covariance), strict=True))
+        pairs = correlations(self.covariance).items()
+        return tuple(
+            (a, b)
+            for (a, b), value in pairs
+            if abs(value) > 1.0 - SMALL_SHARE and max(variance[a], variance[b]) < OPEN**2
+        )
 
 
 def searchable(settings: Settings) -> Settings:
@@ -178,26 +187,29 @@ def summarise(initial: Settings, theta: FloatArray, data_information: FloatArray
     covariance = inverse(data_information + known_information(initial, weighed=True))
     unweighed = inverse(data_information + known_information(initial, weighed=False))
     settings = with_logarithms(initial, theta)
-    spread = {k: math.sqrt(max(float(c @ covariance @ c), 0.0)) for k, c in COMBINATIONS.items()}
-    alone = {k: math.sqrt(max(float(c @ unweighed @ c), 0.0)) for k, c in COMBINATIONS.items()}
-    value = {
-        "young_modulus": settings.rod.young_modulus,
-        "density": settings.rod.density,
-        "specific_modulus": settings.rod.specific_modulus,
-    }
-    std = {k: value[k] * s if s < UNBOUNDED else None for k, s in spread.items()}
-    return Estimate(
-        settings,
-        value["young_modulus"],
-        value["density"],
-        value["specific_modulus"],
-        std["young_modulus"],
-        std["density"],
-        std["specific_modulus"],
-        {k: s < IDENTIFIED for k, s in alone.items()},
-        covariance,
-        _traded(covariance),
+    rod = settings.rod
+    values = (rod.young_modulus, rod.density, rod.specific_modulus)
+    relative = [bounded(std) for std in stds(covariance).values()]
+    young_modulus, density, ratio = (
+        None if std is None else value * std for value, std in zip(values, relative, strict=True)
     )
+    known = {name: std < IDENTIFIED for name, std in stds(unweighed).items()}
+    return Estimate(settings, *values, young_modulus, density, ratio, known, covariance)
+
+
+def std_along(covariance: FloatArray, direction: FloatArray) -> float:
+    """Standard deviation of a combination (4,) of logarithms with a covariance (4, 4)."""
+    return math.sqrt(max(float(direction @ covariance @ direction), 0.0))
+
+
+def stds(covariance: FloatArray) -> dict[str, float]:
+    """Standard deviations of the logarithms of `COMBINATIONS`."""
+    return {name: std_along(covariance, c) for name, c in COMBINATIONS.items()}
+
+
+def bounded(std: float) -> float | None:
+    """The standard deviation of a logarithm; None where that leaves it unknown."""
+    return std if std < UNBOUNDED else None
 
 
 def inverse(information: FloatArray) -> FloatArray:
@@ -213,9 +225,3 @@ def correlations(covariance: FloatArray) -> dict[tuple[str, str], float]:
     std = np.sqrt(np.diag(covariance))
     pairs = combinations(range(len(MATERIAL)), 2)
     return {(MATERIAL[i], MATERIAL[j]): float(covariance[i, j] / std[i] / std[j]) for i, j in pairs}
-
-
-def _traded(covariance: FloatArray) -> tuple[tuple[str, str], ...]:
-    known = {name for name, v in zip(MATERIAL, np.diag(covariance), strict=True) if v < OPEN**2}
-    pairs = correlations(covariance).items()
-    return tuple(p for p, value in pairs if abs(value) > 1.0 - SMALL_SHARE and known.issuperset(p))

@@ -15,8 +15,8 @@ import numpy as np
 from dlo_ros.command import Command
 from dlo_ros.effects import quantities
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces, exhausted
+from dlo_ros.identification.estimate import bounded
 from dlo_ros.identification.identifiability import rounded
-from dlo_ros.inference.thresholds import UNBOUNDED
 from dlo_ros.inference.wrench import (
     WrenchField,
     WrenchInformation,
@@ -87,7 +87,7 @@ class Scale:
     @property
     def relative(self) -> tuple[float | None, float | None, float | None]:
         """The three standard deviations; None where that leaves it unknown."""
-        everything, change, mean = (s if s < UNBOUNDED else None for s in self.std)
+        everything, change, mean = (bounded(s) for s in self.std)
         return everything, change, mean
 
 

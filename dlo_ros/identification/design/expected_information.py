@@ -20,9 +20,9 @@ import numpy as np
 from dlo_ros.command import END, NANOSECONDS, START, Command
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import (
-    COMBINATIONS,
     logarithms,
     search_information,
+    stds,
     with_logarithms,
 )
 from dlo_ros.identification.force_scale import grip_wrenches
@@ -214,8 +214,7 @@ def outlook(
     if nominal is None:
         raise SimulationError(f"{plan.name}: the manipulation cannot be simulated")
     found, expected_data = nominal
-    covariance = np.linalg.inv(before + expected_data)
-    std = {k: math.sqrt(max(float(c @ covariance @ c), 0.0)) for k, c in COMBINATIONS.items()}
+    std = stds(np.asarray(np.linalg.inv(before + expected_data)))
     # Rod theories differ by that much (see `information`), and shapes show E D^2 / mu.
     theory = STRETCH_STIFFNESS * strain(settings)
     thickness = 2.0 * (settings.rod.diameter_std / settings.rod.diameter or DIAMETER_STD)
