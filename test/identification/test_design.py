@@ -157,7 +157,7 @@ def test_the_prediction_holds_where_the_set_up_is_within_its_tolerances(kind, se
     plan = experiment_plan(made, known)
     said = outlook(plan, known, Noise(std=3e-4, spacing=length / 100)).std["specific_modulus"]
     found = identify([recording], known)
-    assert found.set_up
+    assert found.fitted.set_up
     estimate = found.estimate
     assert 0.6 < said / (estimate.specific_modulus_std / estimate.specific_modulus) < 1.6
     # Without a stated diameter nothing tells E/mu better than to 4 %.
