@@ -7,7 +7,7 @@ another. Forces measured at the grips determine it without a further simulation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from dlo_ros.effects import quantities
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces, exhausted
 from dlo_ros.identification.estimate import bounded
 from dlo_ros.identification.identifiability import rounded
+from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.wrench import (
     WrenchField,
     WrenchInformation,
@@ -100,16 +101,21 @@ def grip_wrenches(loadings: Sequence[Loading], end: str) -> FloatArray | None:
 
 
 def borne_along(
-    name: str, loadings: Sequence[Loading], stamps: Sequence[int], wrenches: Sequence[Wrenches],
-    commands: Sequence[Command],
-) -> list[GripForces]:  # fmt: skip
-    """Measured forces at the ends, beside the predicted ones at stamps [ns]."""
+    recording: Manipulation, loadings: Sequence[Loading], stamps: Iterable[int]
+) -> list[GripForces]:
+    """Measured forces at the ends of a recording, beside the predicted ones.
+
+    Args:
+        loadings: predicted loads, F of them.
+        stamps: their stamps [ns].
+    """
+    at = tuple(int(stamp) for stamp in stamps)
     result = []
-    for measured in wrenches:
+    for measured in recording.wrenches:
         predicted = grip_wrenches(loadings, measured.end)
         if predicted is not None:
-            label = f"{name}, {measured.end}"
-            result.append(GripForces(label, measured, tuple(stamps), predicted, tuple(commands)))
+            label = f"{recording.name}, {measured.end}"
+            result.append(GripForces(label, measured, at, predicted, recording.commands))
     return result
 
 
@@ -127,15 +133,11 @@ def scale_of(
         known: information beforehand on the logarithm of the scale, that it is 0.
         diameter_std: standard deviation of the DLO's diameter over the diameter.
     """
-    return exhausted(scale_in_pieces(borne, settings, known=known, diameter_std=diameter_std))
+    return exhausted(scale_in_pieces(borne, settings, known, diameter_std))
 
 
 def scale_in_pieces(
-    borne: Sequence[GripForces],
-    settings: Settings,
-    *,
-    known: float = 0.0,
-    diameter_std: float = 0.0,
+    borne: Sequence[GripForces], settings: Settings, known: float, diameter_std: float
 ) -> Pieces[Scale | None]:
     """The scale as of `scale_of`, in short pieces for callers that must not wait."""
     log = 0.0

@@ -75,10 +75,7 @@ def _scale(model: Fitted, recordings: Sequence[Manipulation], given: Settings) -
     borne = []
     for recording in recordings:
         at = forecast(recording, model.settings, loads=True)
-        stamps = [int(s) for s in at.stamps]
-        borne += borne_along(
-            recording.name, at.loadings, stamps, recording.wrenches, recording.commands
-        )
+        borne += borne_along(recording, at.loadings, at.stamps)
     density, std = model.density
     rod = given.rod
     known = 0.0 if std is None else (density / std) ** 2

@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -39,14 +40,10 @@ from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
-DIRECTIONS = {
-    "young_modulus": (np.array([1.0, 0.0, 0.0, 0.0]), 0.05),
-    "air_drag": (np.array([0.0, 0.0, 1.0, 0.0]), 0.2),
-    "relaxation_time": (np.array([0.0, 0.0, 0.0, 1.0]), 0.2),
-}
-"""Logarithms that are moved to either side for a difference, and by how much."""
-TOGETHER = (np.array([1.0, 1.0, 1.0, 0.0]), 0.1)
-"""The common scale of all forces."""
+DIRECTIONS = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0], [1.0, 1.0, 1.0, 0]])
+STEPS = (0.05, 0.2, 0.2, 0.1)
+"""What is moved to either side for a difference, and by how much: the logarithms of E, c and t_r,
+each of which moves one of `RATIOS`, and the common scale of all forces."""
 GUESS_WEIGHT = 0.01
 """Weight of what was only guessed, where forces were measured."""
 MU = MATERIAL.index("density")
@@ -150,24 +147,20 @@ def _borne_along(
     """
     sets = _around(at, set_up)
     tasks = [(recording, one, spans) for recording, spans in pairs for one in sets]
-    forecasts = pool.map(_forecast, tasks)
+    forecasts = iter(pool.map(_forecast, tasks))
     result = []
-    for k, (recording, _) in enumerate(pairs):
-        group = forecasts[k * len(sets) : (k + 1) * len(sets)]
-        here = group[0]
+    for recording, _ in pairs:
+        here, *others = islice(forecasts, len(sets))
         if here is None:
             raise SimulationError(f"{recording.name}: cannot be simulated with its forces")
-        stamps = [int(s) for s in here.stamps]
-        borne = borne_along(
-            recording.name, here.loadings, stamps, recording.wrenches, recording.commands
-        )
+        borne = borne_along(recording, here.loadings, here.stamps)
         held = {b.measured.end for b in borne}
         for end in sorted({w.end for w in recording.wrenches} - held):
             LOG.warning(
                 "%s: no command holds the %s of the DLO; forces there are not used",
                 recording.name, end,
             )  # fmt: skip
-        result += [_with_differences(b, group, at, len(set_up), ratios) for b in borne]
+        result += [_with_differences(b, others, ratios) for b in borne]
     return result
 
 
@@ -175,18 +168,11 @@ def _around(at: Settings, set_up: Mapping[str, tuple[float, float]]) -> list[Set
     """The settings, then for each direction those above and below, then one for each number."""
     theta = logarithms(at)
     result = [at]
-    for direction, size in _directions(at):
-        result += [with_logarithms(at, theta + s * size * direction) for s in (1.0, -1.0)]
+    for direction, step in zip(DIRECTIONS, STEPS, strict=True):
+        result += [with_logarithms(at, theta + s * step * direction) for s in (1.0, -1.0)]
     for name, (_, std) in set_up.items():
         result.append(with_value(at, name, value_of(at, name) + std))
     return result
-
-
-def _directions(at: Settings) -> list[tuple[FloatArray, float]]:
-    """Directions of the logarithms that are moved."""
-    theta = logarithms(at)
-    own = [d for d in DIRECTIONS.values() if np.isfinite(theta[d[0] > 0.0]).all()]
-    return [*own, TOGETHER]
 
 
 def _forecast(task: tuple[Manipulation, Settings, int | None]) -> Forecast | None:
@@ -204,21 +190,22 @@ def _wrench(found: Forecast | None, end: str) -> FloatArray | None:
 
 
 def _with_differences(
-    borne: GripForces, group: Sequence[Forecast | None], at: Settings, numbers: int,
-    ratios: FloatArray,
-) -> GripForces:  # fmt: skip
-    """Forces with their derivative by the scale, and what ratios and the set-up may change."""
-    end = borne.measured.end
-    slope, moves = None, np.zeros((*borne.predicted.shape, len(RATIOS)))
-    for k, (direction, size) in enumerate(_directions(at)):
-        above, below = (_wrench(group[1 + 2 * k + s], end) for s in (0, 1))
+    borne: GripForces, others: Sequence[Forecast | None], ratios: FloatArray
+) -> GripForces:
+    """Forces with their derivative by the scale, and what ratios and the set-up may change.
+
+    Args:
+        others: forecasts with the settings of `_around` but the first.
+        ratios: see `_borne_along`.
+    """
+    wrenches = [_wrench(found, borne.measured.end) for found in others]
+    differences = []
+    for k, step in enumerate(STEPS):
+        above, below = wrenches[2 * k : 2 * k + 2]
         if above is None or below is None:
             raise SimulationError("a neighbouring set of parameters cannot be simulated")
-        difference = (above - below) / (2.0 * size)
-        if direction is TOGETHER[0]:
-            slope = difference
-        else:
-            moves[:, :, int(np.argmax(RATIOS @ direction))] = difference
-    moved = [_wrench(found, end) for found in group[len(group) - numbers :]] if numbers else []
-    set_up = [m - borne.predicted for m in moved if m is not None]
-    return replace(borne, slope=slope, columns=(*np.moveaxis(moves @ ratios, 2, 0), *set_up))
+        differences.append((above - below) / (2.0 * step))
+    *moves, slope = differences
+    moved = np.moveaxis(np.stack(moves, axis=2) @ ratios, 2, 0)
+    set_up = [m - borne.predicted for m in wrenches[2 * len(STEPS) :] if m is not None]
+    return replace(borne, slope=slope, columns=(*moved, *set_up))

@@ -14,7 +14,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces
 from dlo_ros.identification.force_scale import borne_along, scale_in_pieces
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
-from dlo_ros.inference.forecast import predictions_at
+from dlo_ros.inference.forecast import Manipulation, predictions_at
 from dlo_ros.inference.thresholds import FEWEST, SMALL_SHARE
 from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
@@ -86,10 +86,10 @@ class Forces:
             LOG.warning("measured forces are not used for now: %s", err)
             return
         bearing = [x for x in loadings if x is not None]
-        borne = borne_along("live", bearing, stamps, self._wrenches(), commands)
+        live = Manipulation("live", tuple(commands), tuple(past), self._wrenches())
         rod = self._settings.rod
         found = yield from scale_in_pieces(
-            borne, self._settings, diameter_std=rod.diameter_std / rod.diameter
+            borne_along(live, bearing, stamps), self._settings, 0.0, rod.diameter_std / rod.diameter
         )
         if found is None or (not self._weighed and found.information < prior.forces[MU, MU]):
             return  # an earlier window has more information
@@ -99,7 +99,7 @@ class Forces:
         prior.force_centre = theta.copy()
         prior.force_centre[MU] += found.log
 
-    def _wrenches(self) -> list[Wrenches]:
+    def _wrenches(self) -> tuple[Wrenches, ...]:
         """Measured wrenches of each end."""
         result = []
         for end, rows in self._rows.items():
@@ -109,4 +109,4 @@ class Forces:
             result.append(
                 Wrenches(end, np.array(stamps, dtype=np.int64), values[:, :3], values[:, 3:], axes)
             )
-        return result
+        return tuple(result)
