@@ -94,21 +94,22 @@ class AccumulatedInformation:
 
 
 def fitted_variances(
-    bins: Spectrum, offset: FloatArray, precision: FloatArray, length: float,
-    start: Sequence[Variances] | None = None,
-) -> Pieces[tuple[tuple[Variances, ...], Posterior]]:  # fmt: skip
+    bins: Spectrum, offset: FloatArray, precision: FloatArray, length: float
+) -> Pieces[tuple[tuple[Variances, ...], Posterior]]:
     """Variances that maximise the marginal likelihood, some iterations at a time.
 
     Args:
-        offset, precision, length, start: see `fit_variances`.
+        offset, precision, length: see `fit_variances`.
 
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
+    variances = None
     for _ in range(ROUNDS):
         yield LONG
-        start, found = _fitted(bins, offset, precision, length, start)
-    return tuple(start or ()), found
+        variances, found = _fitted(bins, offset, precision, length, variances)
+    assert variances is not None
+    return variances, found
 
 
 def _fitted(

@@ -69,27 +69,19 @@ class JudgedResolution:
     """A resolution of the simulation, and for what it was found.
 
     Args:
+        settings: settings for which it was found.
         spans: knot spans.
         error: error of the shape, over L.
-        ratio: E/mu [m^2/s^2].
-        tolerance: error that was asked for, over L.
     """
 
+    settings: Settings
     spans: int
     error: float
-    ratio: float
-    tolerance: float
-
-    @classmethod
-    def of(cls, settings: Settings, spans: int, error: float) -> JudgedResolution:
-        """The resolution that was found for some settings."""
-        ratio, tolerance = settings.rod.specific_modulus, settings.simulation.tolerance
-        return cls(spans, error, ratio, tolerance)
 
     def holds(self, settings: Settings) -> bool:
         """Whether it was found for about this E/mu and for no coarser tolerance."""
-        ratio = settings.rod.specific_modulus / self.ratio
-        finer = self.tolerance / settings.simulation.tolerance
+        ratio = settings.rod.specific_modulus / self.settings.rod.specific_modulus
+        finer = self.settings.simulation.tolerance / settings.simulation.tolerance
         return max(ratio, 1.0 / ratio, finer) < RECHECK_RATIO
 
 
@@ -116,19 +108,23 @@ class PriorInformation:
     forces: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
     force_centre: FloatArray = field(default_factory=lambda: np.zeros(4))
 
+    def _beyond(self, theta: FloatArray, centre: FloatArray) -> FloatArray:
+        """Differences of logarithms, zero where a damping of zero has none, shape (4,)."""
+        return np.where(np.isfinite(self.guess), theta - centre, 0.0)
+
     def step(self, at: Linearised) -> FloatArray:
         """From where a problem is linearised towards its minimum, not too far at once, (4,)."""
-        usable = np.isfinite(self.guess)
-        off = np.where(usable, at.theta - self.guess, 0.0)
-        old = np.where(usable, at.theta - self.centre, 0.0)
-        force_centre = np.where(usable, at.theta - self.force_centre, 0.0)
+        off, old, beside = (
+            self._beyond(at.theta, centre)
+            for centre in (self.guess, self.centre, self.force_centre)
+        )
         step = np.zeros(4)
         for _ in range(2):  # how noisy the residuals are is known better after the first step
             scale = self.scale(at, step)
             lhs = scale * at.normal + self.prior + self.summary + self.forces
-            rhs = scale * at.gradient - self.prior @ off - self.forces @ force_centre
+            rhs = scale * at.gradient - self.prior @ off - self.forces @ beside
             rhs += self.pull - self.summary @ old
-            step = np.where(usable, np.linalg.solve(lhs, rhs), 0.0)
+            step = np.where(np.isfinite(self.guess), np.linalg.solve(lhs, rhs), 0.0)
         return np.asarray(step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300)))
 
     def scale(self, at: Linearised, step: FloatArray) -> float:
@@ -143,9 +139,7 @@ class PriorInformation:
             theta: the estimate, about which the summary is from now on, shape (4,).
             share: fraction of the older summary that is kept.
         """
-        usable = np.isfinite(self.guess)
-        step = np.where(usable, theta - at.theta, 0.0)
-        old = np.where(usable, theta - self.centre, 0.0)
+        step, old = self._beyond(theta, at.theta), self._beyond(theta, self.centre)
         scale = self.scale(at, step)
         self.pull = share * (self.pull - self.summary @ old)
         self.pull = self.pull + scale * (at.gradient - at.normal @ step)

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import expit
@@ -31,13 +31,13 @@ from dlo_ros.identification.online.accumulated_information import fitted_varianc
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
 from dlo_ros.identification.online.observed_window import ObservedWindow
 from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
-from dlo_ros.inference.spectrum import Spectrum, spectrum
+from dlo_ros.inference.spectrum import spectrum
 from dlo_ros.inference.thresholds import SMALL_SHARE
-from dlo_ros.inference.variances import Posterior
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
@@ -140,63 +140,46 @@ class SetUpErrors:
         for _ in range(LINEARISATIONS):
             if theta is not None:
                 here = yield from _linearised(model.at(theta), recording)
-            step, variance = here.opened.step, float(here.opened.covariance[k, k])
+            step, variance = here.posterior.step, float(here.posterior.covariance[k, k])
             theta, self.delay = here.model.theta() + step, None
             if abs(step[k]) < UNCHANGED * np.sqrt(variance):
                 # The error of the simulation is no noise that more pictures average out.
                 off = settings.simulation.tolerance * settings.rod.length
                 prior_std = model.parameters[k].std
-                speed = max(float(np.sqrt(np.mean(here.jacobian[:, k] ** 2))), off / prior_std)
+                speed = max(float(np.sqrt(np.mean(here.fields[0][1][:, k] ** 2))), off / prior_std)
                 shift = (1.0 - variance / prior_std**2) * off / speed
                 self.delay = float(theta[k]), float(np.hypot(np.sqrt(variance), shift))
                 break
         self._theta = theta
 
 
-@dataclass(frozen=True)
-class _Linearised:
-    """The open model, linearised at its values.
-
-    Args:
-        model: the model with P parameters.
-        jacobian: derivatives of the residuals [m], shape (F, P, K).
-        bins: residuals and derivatives, bin by bin.
-        opened: posterior of all parameters.
-    """
-
-    model: ParametricModel
-    jacobian: FloatArray
-    bins: Spectrum
-    opened: Posterior
-
-
-def _linearised(model: ParametricModel, recording: Recording) -> Pieces[_Linearised]:
+def _linearised(model: ParametricModel, recording: Recording) -> Pieces[Evaluation]:
     """The open model linearised at its values, piece by piece."""
-    ((residual, jacobian),) = (yield from simulated(model, recording, model.names)).fields
+    found = yield from simulated(model, recording, model.names)
     yield LONG
-    bins = spectrum(residual, jacobian, model.settings.rod.control_points)
-    length = model.settings.rod.length
-    _, opened = yield from fitted_variances(bins, model.offset(), model.precision(), length)
-    return _Linearised(model, jacobian, bins, opened)
+    rod, (field,) = model.settings.rod, found.fields
+    bins = spectrum(*field, rod.control_points)
+    fitted = yield from fitted_variances(bins, model.offset(), model.precision(), rod.length)
+    return Evaluation(model, found.fields, found.err, found.predicted, (bins,), *fitted)
 
 
-def _shifts(here: _Linearised, scale: float, prior: FloatArray) -> Pieces[tuple[FloatArray, ...]]:
+def _shifts(here: Evaluation, scale: float, prior: FloatArray) -> Pieces[tuple[FloatArray, ...]]:
     """Errors of the estimate, see `SetUpErrors`, piece by piece.
 
     Args:
         scale, prior: see `SetUpErrors._compute`.
     """
-    model, opened, rod = here.model, here.opened, here.model.settings.rod
+    model, opened, rod = here.model, here.posterior, here.model.settings.rod
     own = np.array([not p.effect for p in model.parameters])
     pick, set_up = np.flatnonzero(own), np.flatnonzero(~own)
-    plain = here.bins.chosen(pick.tolist())
+    plain = here.spectra[0].chosen(pick.tolist())
     offset, precision = model.offset()[pick], model.precision()[pick]
     _, exact = yield from fitted_variances(plain, offset, precision, rod.length)
     probability = float(expit(opened.evidence - exact.evidence))
     off = opened.step[set_up]
     square = opened.covariance[np.ix_(set_up, set_up)] + np.outer(off, off)
     place = [MATERIAL.index(model.names[k]) for k in pick]
-    j = here.jacobian.transpose(1, 0, 2).reshape(len(own), -1)
+    j = here.fields[0][1].transpose(1, 0, 2).reshape(len(own), -1)
     lhs = prior[np.ix_(place, place)] + scale * (j[pick] @ j[pick].T)
     moves = np.zeros((len(MATERIAL), len(set_up)))
     moves[place] = scale * np.linalg.solve(lhs, j[pick] @ j[set_up].T)
