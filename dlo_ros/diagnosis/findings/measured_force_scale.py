@@ -22,8 +22,8 @@ from dlo_ros.identification.force_scale import (
     with_scale,
     words,
 )
+from dlo_ros.identification.information import diameter_error
 from dlo_ros.inference.forecast import Manipulation, forecast
-from dlo_ros.inference.priors import DIAMETER_STD
 from dlo_ros.inference.thresholds import UNBOUNDED
 from dlo_ros.parameters import Settings
 
@@ -77,9 +77,8 @@ def _scale(model: Fitted, recordings: Sequence[Manipulation], given: Settings) -
         at = forecast(recording, model.settings, loads=True)
         borne += borne_along(recording, at.loadings, at.stamps)
     density, std = model.density
-    rod = given.rod
     known = 0.0 if std is None else (density / std) ** 2
-    diameter = rod.diameter_std / rod.diameter or DIAMETER_STD
+    diameter = diameter_error(given.rod, usual=True)
     return scale_of(borne, given, known=known, diameter_std=diameter)
 
 

@@ -26,14 +26,14 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
 )
 from dlo_ros.identification.force_scale import grip_wrenches
-from dlo_ros.identification.information import STRETCH_STIFFNESS, strain
+from dlo_ros.identification.information import model_shift
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.joint import field
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.inference.observation_operator import ALONG_STD
 from dlo_ros.inference.parallel import Threads
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.priors import DIAMETER_STD, joint_model
+from dlo_ros.inference.priors import joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.spectrum import spectrum
 from dlo_ros.inference.thresholds import STEEPEST
@@ -214,12 +214,8 @@ def outlook(
     if nominal is None:
         raise SimulationError(f"{plan.name}: the manipulation cannot be simulated")
     found, expected_data = nominal
-    std = stds(np.asarray(np.linalg.inv(before + expected_data)))
-    # Rod theories differ by that much (see `information`), and shapes show E D^2 / mu.
-    theory = STRETCH_STIFFNESS * strain(settings)
-    thickness = 2.0 * (settings.rod.diameter_std / settings.rod.diameter or DIAMETER_STD)
-    for name in ("young_modulus", "specific_modulus"):
-        std[name] = math.hypot(std[name], theory, thickness)
+    shift = model_shift(settings, usual=True)
+    std = stds(np.linalg.inv(before + expected_data) + np.outer(shift, shift))
     response = mean_response(found, settings)
     return Outlook(plan, float(np.mean(gains)), std, response, expected_data, found)
 

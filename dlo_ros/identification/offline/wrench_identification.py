@@ -29,11 +29,10 @@ from dlo_ros.identification.force_scale import (
     grip_wrenches,
     scale_of,
 )
-from dlo_ros.identification.information import widened
+from dlo_ros.identification.information import diameter_error, widened
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.inference.parameter import value_of, with_value
-from dlo_ros.inference.priors import DIAMETER_STD
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
@@ -101,7 +100,7 @@ def information_with_forces(
     if not pairs:
         return None
     # Shapes and forces alike determine E D^4 and mu D^2: the error of D is added at the end.
-    diameter = given.rod.diameter_std / given.rod.diameter or (DIAMETER_STD if set_up else 0.0)
+    diameter = diameter_error(given.rod, usual=bool(set_up))
     stated, shapes = shapes, _exact_diameter(shapes, diameter)
     known = known_information(given, weighed=True)
     hardly = GUESS_WEIGHT * search_information(given)

@@ -34,7 +34,7 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
     within_noise,
 )
-from dlo_ros.identification.information import model_shifts
+from dlo_ros.identification.information import model_shift
 from dlo_ros.identification.online.accumulated_information import (
     AUTOCORRELATION_EVERY,
     FORGETTING,
@@ -343,8 +343,8 @@ class OnlineEstimator:
         information = self._prior.forces
         known = self._information.weighed(run, step, self._prior)
         if known is not None:
-            shifts = [*model_shifts(run.simulation.settings, 4), *self._set_up.shifts]
-            information = information + known.information(shifts)
+            shifts = (model_shift(run.simulation.settings), *self._set_up.shifts)
+            information = information + known.information(*shifts)
         low, high = self._guess - np.log(1e4), self._guess + np.log(1e4)
         estimate = summarise(self._initial, np.clip(theta, low, high), information)
         estimate = replace(estimate, delay=self._set_up.delay)

@@ -13,6 +13,7 @@ from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces
 from dlo_ros.identification.force_scale import borne_along, scale_in_pieces
+from dlo_ros.identification.information import diameter_error
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
 from dlo_ros.inference.forecast import Manipulation, predictions_at
 from dlo_ros.inference.thresholds import FEWEST, SMALL_SHARE
@@ -87,10 +88,8 @@ class Forces:
             return
         bearing = [x for x in loadings if x is not None]
         live = Manipulation("live", tuple(commands), tuple(past), self._wrenches())
-        rod = self._settings.rod
-        found = yield from scale_in_pieces(
-            borne_along(live, bearing, stamps), self._settings, 0.0, rod.diameter_std / rod.diameter
-        )
+        borne, diameter = borne_along(live, bearing, stamps), diameter_error(self._settings.rod)
+        found = yield from scale_in_pieces(borne, self._settings, 0.0, diameter)
         if found is None or (not self._weighed and found.information < prior.forces[MU, MU]):
             return  # an earlier window has more information
         self._weighed = True
