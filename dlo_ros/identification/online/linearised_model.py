@@ -31,18 +31,16 @@ class Linearised:
 
     Args:
         theta: ln (E, mu, c, t_r).
-        numbers: residual numbers of an observation that can differ from zero.
         normal, gradient: J^T J (4, 4) [m^2] and J^T r (4,) of all observations so far.
         sum_of_squares: sum of squared residuals [m^2].
-        used: number of observations.
+        count: number of residuals, two for each control point as of a DLO in the plane.
     """
 
     theta: FloatArray
-    numbers: int
     normal: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
     gradient: FloatArray = field(default_factory=lambda: np.zeros(4))
     sum_of_squares: float = 0.0
-    used: int = 0
+    count: int = 0
 
     def add(self, residual: FloatArray, derivative: FloatArray) -> None:
         """Take in an observation: residual (n, 3) [m], derivative (4, n, 3)."""
@@ -50,7 +48,7 @@ class Linearised:
         self.normal += j @ j.T
         self.gradient += j @ residual.ravel()
         self.sum_of_squares += float(np.sum(residual**2))
-        self.used += 1
+        self.count += 2 * len(residual)
 
     def left(self, step: FloatArray) -> float:
         """Sum of squared residuals after a step from theta, as the linear model has it [m^2]."""
@@ -59,9 +57,7 @@ class Linearised:
 
     def scale(self, step: FloatArray) -> float:
         """Information per squared metre of residual after a step, correlation left aside."""
-        count = self.numbers * self.used
-        variance = max(self.left(step) / max(count - 2, 1), SMALLEST_STD**2)
-        return 1.0 / variance
+        return 1.0 / max(self.left(step) / max(self.count - 2, 1), SMALLEST_STD**2)
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,6 @@ class OnlineEstimator:
         clock: Callable[[], float] = time.thread_time,
     ) -> None:
         self._initial = searchable(settings)
-        self._numbers = 2 * settings.rod.control_points
         self._motion = Motion()
         self._worker = Worker(budget, clock)
         self._set_up_worker = Worker(budget, clock)
@@ -241,8 +240,7 @@ class OnlineEstimator:
         yield LONG
         try:
             simulation = yield from self._past.started(settings, spans)
-            problem = Linearised(theta, self._numbers)
-            run = Run(problem, simulation, self._past.noise_unit, error)
+            run = Run(Linearised(theta), simulation, self._past.noise_unit, error)
             yield from self._catch_up(run)
             return run
         except SimulationError as err:
@@ -370,7 +368,7 @@ class OnlineEstimator:
         self.forces.fold()
         anchor = run.simulation.fork(with_logarithms(self._initial, theta))
         self._past.move(anchor)
-        problem, simulation = Linearised(theta, self._numbers), anchor.fork(anchor.settings)
-        self._run = Run(problem, simulation, self._past.noise_unit, run.error)
+        simulation = anchor.fork(anchor.settings)
+        self._run = Run(Linearised(theta), simulation, self._past.noise_unit, run.error)
         self._worker.drop()
         self._pending, self._retry = [], 0
