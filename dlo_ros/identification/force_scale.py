@@ -14,7 +14,7 @@ import numpy as np
 
 from dlo_ros.command import Command
 from dlo_ros.effects import quantities
-from dlo_ros.identification.cooperative_tasks import LONG, Pieces, exhausted
+from dlo_ros.identification.cooperative_tasks import LONG, Pieces
 from dlo_ros.identification.estimate import bounded
 from dlo_ros.identification.identifiability import rounded
 from dlo_ros.inference.forecast import Manipulation
@@ -125,21 +125,14 @@ def scale_of(
     *,
     known: float = 0.0,
     diameter_std: float = 0.0,
-) -> Scale | None:
-    """The scale of all forces; None where no force was measured near a shape.
+) -> Pieces[Scale | None]:
+    """The scale of all forces, piece by piece; None where no force was measured near a shape.
 
     Args:
         settings: settings of the parameter file, by whose weight force offsets are judged.
         known: information beforehand on the logarithm of the scale, that it is 0.
         diameter_std: standard deviation of the DLO's diameter over the diameter.
     """
-    return exhausted(scale_in_pieces(borne, settings, known, diameter_std))
-
-
-def scale_in_pieces(
-    borne: Sequence[GripForces], settings: Settings, known: float, diameter_std: float
-) -> Pieces[Scale | None]:
-    """The scale as of `scale_of`, in short pieces for callers that must not wait."""
     log = 0.0
     fields: list[WrenchField] = []
     found: list[WrenchInformation] = []

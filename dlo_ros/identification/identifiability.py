@@ -81,7 +81,9 @@ def knowledge(estimate: Estimate, information: FloatArray) -> list[Knowledge]:
 def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
     """Sentences on what the recordings determine, and what would settle the rest."""
     known = knowledge(estimate, information)
-    determined = [f"{k.words} to {_percent(k.std)}" for k in known if k.source == "data" and k.std]
+    determined = [
+        f"{k.words} to {rounded(100.0 * k.std)} %" for k in known if k.source == "data" and k.std
+    ]
     before = [k.words for k in known if k.source == "prior"]
     open_ = [k.words for k in known if k.source == "guess"]
     result = [f"The recordings determine {enumerated(determined)}." if determined else
@@ -112,10 +114,6 @@ def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
         f"{found_[a, b]:+.3f}): the data fix a combination of them far better than each."
         for a, b in estimate.traded
     ]
-
-
-def _percent(std: float | None) -> str:
-    return "unknown" if std is None else f"{rounded(100.0 * std)} %"
 
 
 def rounded(number: float) -> str:

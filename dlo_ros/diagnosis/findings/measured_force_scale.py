@@ -14,6 +14,7 @@ from dataclasses import replace
 
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis, Fitted, NamedEffect, Number
 from dlo_ros.errors import SimulationError
+from dlo_ros.identification.cooperative_tasks import exhausted
 from dlo_ros.identification.force_scale import (
     POWERS,
     Scale,
@@ -79,7 +80,7 @@ def _scale(model: Fitted, recordings: Sequence[Manipulation], given: Settings) -
     density, std = model.density
     known = 0.0 if std is None else (density / std) ** 2
     diameter = diameter_error(given.rod, usual=True)
-    return scale_of(borne, given, known=known, diameter_std=diameter)
+    return exhausted(scale_of(borne, given, known=known, diameter_std=diameter))
 
 
 def _scaled(model: Fitted, scale: Scale) -> Fitted:

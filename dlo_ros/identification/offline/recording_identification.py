@@ -139,11 +139,8 @@ def _with_forces(
     train: Sequence[Manipulation], found: MaterialFit, given: Settings, pool: Pool | None
 ) -> tuple[MaterialFit, ForceInformation | None]:
     """The fit with the forces that were measured at the grips, and their information."""
-    spans = [r.spans for r in found.recordings]
     try:
-        forces = information_with_forces(
-            train, found.settings, found.theta, found.information, given, spans, found.set_up, pool
-        )
+        forces = information_with_forces(train, found, given, pool)
         if forces is None:
             return found, None
         model = replace(found.at.model, settings=with_logarithms(found.settings, forces.theta))

@@ -25,12 +25,24 @@ LEAST_SHARE = 0.5
 
 
 def with_noise(recording: Recording, predicted: FloatArray, settings: Settings) -> Recording:
-    """The recording with its noise estimated from the scatter of residuals in time."""
-    noise = noise_of(recording.residual(predicted), recording, settings)
-    return replace(recording, noise=noise)
+    """The recording with its noise estimated from the scatter of residuals in time.
+
+    No coefficient is much better than the others, and none along the DLO is better than those
+    across it.
+
+    Args:
+        predicted: control points [m], shape (F, n, 3 or more), of the last F frames.
+    """
+    n = settings.rod.control_points
+    each = _scatter(recording.residual(predicted), recording, settings)
+    least = LEAST_NOISE * settings.rod.length
+    typical = max(float(np.sqrt(np.mean(each[:n] ** 2))), least)
+    across = np.maximum(each[:n], LEAST_SHARE * typical)
+    others = [np.maximum(part, across) for part in np.split(each[n:], (len(each) - n) // n)]
+    return replace(recording, noise=np.concatenate([across, *others]))
 
 
-def scatter(field: FloatArray, recording: Recording, settings: Settings) -> FloatArray:
+def _scatter(field: FloatArray, recording: Recording, settings: Settings) -> FloatArray:
     """Standard deviation of each coefficient from frame to frame [m], shape (K,).
 
     Differences in time of growing order; the smallest counts, and the median over time, so that a
@@ -45,18 +57,14 @@ def scatter(field: FloatArray, recording: Recording, settings: Settings) -> Floa
     whole = point_noise(recording.manipulation.observations, SplineBasis(n, settings.rod.length))
     # `point_noise` is that of the whole shape, of which n coefficients have a share each.
     stated = (whole or 0.0) / np.sqrt(n)
-    found = [np.sqrt(np.median(gap**2, axis=0) / MEDIAN) for gap in _gaps(field, recording)]
+    times = recording.times[-len(field) :]
+    gaps = [divided_differences(field, times, o) for o in DIFFERENCE_ORDERS if len(field) > 2 * o]
+    found = [np.sqrt(np.median(gap**2, axis=0) / MEDIAN) for gap in gaps]
     if found or stated:
         each = np.min(found, axis=0) if found else np.zeros(field.shape[1])
         return np.asarray(np.maximum(each, stated))
     parts = [_along(part) for part in np.split(field, field.shape[1] // n, axis=1)]
     return np.repeat(parts, n)
-
-
-def _gaps(field: FloatArray, recording: Recording) -> list[FloatArray]:
-    """Differences in time of growing order, scaled such that white noise keeps its size."""
-    times, orders = recording.times[-len(field) :], DIFFERENCE_ORDERS
-    return [divided_differences(field, times, o) for o in orders if len(field) > 2 * o]
 
 
 def _along(field: FloatArray) -> float:
@@ -67,21 +75,3 @@ def _along(field: FloatArray) -> float:
             gap = np.diff(field, order, axis=1) / np.sqrt(float(comb(2 * order, order)))
             found.append(float(np.sqrt(np.median(gap**2) / MEDIAN)))
     return min(found)
-
-
-def noise_of(field: FloatArray, recording: Recording, settings: Settings) -> FloatArray:
-    """Noise that is attributed to each coefficient [m], shape (K,).
-
-    No coefficient is much better than the others, and none along the DLO is better than those
-    across it.
-
-    Args:
-        field: residual coefficients [m], shape (F, K).
-    """
-    n = settings.rod.control_points
-    each = scatter(field, recording, settings)
-    least = LEAST_NOISE * settings.rod.length
-    typical = max(float(np.sqrt(np.mean(each[:n] ** 2))), least)
-    across = np.maximum(each[:n], LEAST_SHARE * typical)
-    others = [np.maximum(part, across) for part in np.split(each[n:], (len(each) - n) // n)]
-    return np.concatenate([across, *others])

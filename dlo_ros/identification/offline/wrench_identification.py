@@ -16,6 +16,7 @@ from itertools import islice
 import numpy as np
 
 from dlo_ros.errors import SimulationError
+from dlo_ros.identification.cooperative_tasks import exhausted
 from dlo_ros.identification.estimate import (
     known_information,
     logarithms,
@@ -30,6 +31,7 @@ from dlo_ros.identification.force_scale import (
     scale_of,
 )
 from dlo_ros.identification.information import diameter_error, widened
+from dlo_ros.identification.offline.set_up_estimate import MaterialFit
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.inference.parameter import value_of, with_value
@@ -72,59 +74,53 @@ class ForceInformation:
 
 
 def information_with_forces(
-    train: Sequence[Manipulation],
-    settings: Settings,
-    theta: FloatArray,
-    shapes: FloatArray,
-    given: Settings,
-    spans: Sequence[int | None],
-    set_up: Mapping[str, tuple[float, float]],
-    pool: Pool | None = None,
+    train: Sequence[Manipulation], found: MaterialFit, given: Settings, pool: Pool | None = None
 ) -> ForceInformation | None:
     """The estimate with measured forces; None where there are none.
 
     Args:
         train: recordings.
-        settings: settings of the fit to shapes, set-up included.
-        theta: ln (E, mu, c, t_r) of that fit.
-        shapes: information of that fit, shape (4, 4).
+        found: fit to their shapes.
         given: the parameter file.
-        spans: knot spans of each recording's simulation.
-        set_up: numbers of the set-up with the standard deviations that shapes leave.
         pool: pool in which simulations run.
 
     Raises:
         SimulationError: a recording cannot be simulated.
     """
+    spans = (recording.spans for recording in found.recordings)
     pairs = [(r, s) for r, s in zip(train, spans, strict=True) if r.wrenches]
     if not pairs:
         return None
     # Shapes and forces alike determine E D^4 and mu D^2: the error of D is added at the end.
-    diameter = diameter_error(given.rod, usual=bool(set_up))
-    stated, shapes = shapes, _exact_diameter(shapes, diameter)
+    diameter = diameter_error(given.rod, usual=bool(found.set_up))
+    shapes = _exact_diameter(found.information, diameter)
     known = known_information(given, weighed=True)
     hardly = GUESS_WEIGHT * search_information(given)
     spread = np.asarray(np.linalg.inv(shapes + known + hardly), dtype=np.float64)
     # E/mu, c/mu and t_r are left to the shapes: the effect of a small error of the set-up on
     # torques would else be attributed to E/mu, which shapes determine better.
     ratios = np.linalg.cholesky(RATIOS @ spread @ RATIOS.T)
-    borne = _borne_along(pairs, settings, set_up, ratios, pool or Threads())
+    borne = _borne_along(pairs, found, ratios, pool or Threads())
     precision = 1.0 / float(spread[MU, MU])
     # The weight is that of the parameter file, since priors must not follow the fit.
-    sensed = settings.with_material(settings.rod.young_modulus, given.rod.density)
-    found = scale_of(borne, sensed, known=precision)
-    if found is None:
+    sensed = found.settings.with_material(found.settings.rod.young_modulus, given.rod.density)
+    scale = exhausted(scale_of(borne, sensed, known=precision))
+    if scale is None:
         LOG.warning("no measured force lies near an observed shape at a grip; none is used")
         return None
-    own = np.eye(len(theta))[MU]
-    whole = shapes + max(found.information, 0.0) * np.outer(own, own)
+    own = np.eye(len(MATERIAL))[MU]
+    whole = shapes + max(scale.information, 0.0) * np.outer(own, own)
     whole = widened(whole, diameter * np.array([4.0, 2.0, 0.0, 0.0]))
-    everything, change, mean = (float(np.hypot(s, 2.0 * diameter)) for s in found.std)
-    known_by = replace(found, std=(everything, change, mean))
-    step = np.where(np.isfinite(theta), spread[:, MU] * precision * found.log, 0.0)
+    everything, change, mean = (float(np.hypot(s, 2.0 * diameter)) for s in scale.std)
+    known_by = replace(scale, std=(everything, change, mean))
+    step = np.where(np.isfinite(found.theta), spread[:, MU] * precision * scale.log, 0.0)
     messages = sum(len(w.stamps) for r, _ in pairs for w in r.wrenches)
     return ForceInformation(
-        theta + step, whole - stated, precision * found.log * own, known_by, messages
+        found.theta + step,
+        whole - found.information,
+        precision * scale.log * own,
+        known_by,
+        messages,
     )
 
 
@@ -136,15 +132,17 @@ def _exact_diameter(shapes: FloatArray, diameter: float) -> FloatArray:
 
 
 def _borne_along(
-    pairs: Sequence[tuple[Manipulation, int | None]], at: Settings,
-    set_up: Mapping[str, tuple[float, float]], ratios: FloatArray, pool: Pool,
-) -> list[GripForces]:  # fmt: skip
+    pairs: Sequence[tuple[Manipulation, int | None]],
+    found: MaterialFit,
+    ratios: FloatArray,
+    pool: Pool,
+) -> list[GripForces]:
     """Measured and predicted forces of all recordings, with what may be wrong with these.
 
     Args:
         ratios: root of the covariance of `RATIOS`, shape (3, 3).
     """
-    sets = _around(at, set_up)
+    sets = _around(found.settings, found.set_up)
     tasks = [(recording, one, spans) for recording, spans in pairs for one in sets]
     forecasts = iter(pool.map(_forecast, tasks))
     result = []

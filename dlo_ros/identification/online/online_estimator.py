@@ -345,15 +345,14 @@ class OnlineEstimator:
             information = information + known.information(*shifts)
         low, high = self._guess - np.log(1e4), self._guess + np.log(1e4)
         estimate = summarise(self._initial, np.clip(theta, low, high), information)
-        estimate = replace(estimate, delay=self._set_up.delay)
         change = logarithms(estimate.settings)[:2] - self._passed
         whole = estimate.identifiable["density"]
         scale = float(np.abs(change).max()) * (1.0 if whole else UNKNOWN_WEIGHT)
         large = max(scale, abs(float(change[0] - change[1]))) > SHORTEST_STEP
-        if large and (linear or stuck):
+        significant = large and (linear or stuck)
+        if significant:
             self._passed = self._passed + change
-            estimate = replace(estimate, significant=True)
-        self._estimate = estimate
+        self._estimate = replace(estimate, significant=significant, delay=self._set_up.delay)
 
     def _fold(self) -> None:
         """Keep the window's information as a summary, and start a new window at the present."""

@@ -12,7 +12,7 @@ import numpy as np
 from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces
-from dlo_ros.identification.force_scale import borne_along, scale_in_pieces
+from dlo_ros.identification.force_scale import borne_along, scale_of
 from dlo_ros.identification.information import diameter_error
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
 from dlo_ros.inference.forecast import Manipulation, predictions_at
@@ -89,7 +89,7 @@ class Forces:
         bearing = [x for x in loadings if x is not None]
         live = Manipulation("live", tuple(commands), tuple(past), self._wrenches())
         borne, diameter = borne_along(live, bearing, stamps), diameter_error(self._settings.rod)
-        found = yield from scale_in_pieces(borne, self._settings, 0.0, diameter)
+        found = yield from scale_of(borne, self._settings, diameter_std=diameter)
         if found is None or (not self._weighed and found.information < prior.forces[MU, MU]):
             return  # an earlier window has more information
         self._weighed = True
