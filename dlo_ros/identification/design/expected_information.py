@@ -193,9 +193,10 @@ def outlook(
     """
     before = search_information(settings) if known is None else known
     recording = plan.manipulation()
-    shapes = forecast(recording, settings, spans=spans).predicted
-    view = scene(settings, imposed_names([recording]), [shapes[:, :, :3]])
-    forces = _force_information(plan, settings, spans)
+    loads = settings.wrench.force_std > 0.0
+    bare = forecast(recording, settings, spans=spans, loads=loads)
+    view = scene(settings, imposed_names([recording]), [bare.predicted[:, :, :3]])
+    forces = _force_information(plan, settings, bare)
 
     def informed_by(factor: float) -> tuple[Forecast, FloatArray] | None:
         theta = logarithms(settings)
@@ -220,20 +221,16 @@ def outlook(
     return Outlook(plan, float(np.mean(gains)), std, response, expected_data, found)
 
 
-def _force_information(plan: Plan, settings: Settings, spans: int | None) -> FloatArray:
+def _force_information(plan: Plan, settings: Settings, found: Forecast) -> FloatArray:
     """Information (4, 4) on mu from a force sensor of known noise at one grip, where E/mu is known.
 
     The sensor is at the start, or at the end where the start is free, and sends one message with
     every picture.
+
+    Args:
+        found: forecast of the plan, with loads where there is a sensor.
     """
     result = np.zeros((len(MATERIAL), len(MATERIAL)))
-    if not settings.wrench.force_std > 0.0:
-        return result
-    recording = plan.manipulation()
-    try:
-        found = forecast(recording, settings, spans=spans, loads=True)
-    except SimulationError:
-        return result
     for end in (START, END):
         predicted = grip_wrenches(found.loadings, end)
         if predicted is None:

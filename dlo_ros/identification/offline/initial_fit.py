@@ -12,8 +12,8 @@ import numpy as np
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST, NOISE_SHARE
 from dlo_ros.identification.material_model import material_model
-from dlo_ros.identification.offline.recording_noise import with_noise
 from dlo_ros.identification.offline.without_own_error import STEP_SHORTER, refined
+from dlo_ros.identification.residual_noise import with_noise
 from dlo_ros.inference.forecast import Manipulation, as_started, forecast
 from dlo_ros.inference.joint import Evaluation, Simulated, evaluate, simulate
 from dlo_ros.inference.joint_fit import fit

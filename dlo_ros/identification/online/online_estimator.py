@@ -326,7 +326,10 @@ class OnlineEstimator:
         return self._set_up.due(self._run, self._past, self._estimate)
 
     def _examine_set_up(self) -> Pieces[None]:
-        yield from self._set_up.compute(self._run, self._past, self._estimate, self._prior)
+        try:
+            yield from self._set_up.compute(self._run, self._past, self._estimate, self._prior)
+        except SimulationError as err:
+            LOG.info("the set-up's tolerances are not looked at: %s", err)
 
     def _publish(self) -> None:
         """Solve for the estimate."""

@@ -43,7 +43,6 @@ class Forces:
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self._rows: dict[str, deque[tuple[int, FloatArray, FloatArray]]] = {}
-        self._weighed = False  # by the present window
         self.fold()
 
     def add(self, measured: Wrenches) -> None:
@@ -53,7 +52,7 @@ class Forces:
         rows.extend(zip(measured.stamps.tolist(), values, measured.axes, strict=True))
 
     def fold(self) -> None:
-        """A new window begins."""
+        """A new window begins, which has not weighed the forces yet."""
         self._used, self._ratio, self._weighed = 0, np.nan, False
 
     def weigh(

@@ -15,7 +15,6 @@ what it is.
 
 from __future__ import annotations
 
-import logging
 import math
 from dataclasses import replace
 
@@ -23,14 +22,12 @@ import numpy as np
 from scipy.special import expit
 
 from dlo_ros.effects.measurement.command_delay import CommandDelay
-from dlo_ros.errors import SimulationError
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces
 from dlo_ros.identification.estimate import Estimate
 from dlo_ros.identification.gradual_simulation import simulated
 from dlo_ros.identification.online.accumulated_information import fitted_variances
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
 from dlo_ros.identification.online.observed_window import ObservedWindow
-from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.inference.parameter import ParametricModel
@@ -41,8 +38,6 @@ from dlo_ros.inference.thresholds import SMALL_SHARE
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
-
-LOG = logging.getLogger(__name__)
 
 BEGINNING = 3  # observations before there is an estimate
 SETTLED = 0.8  # [s] of past before which neither tolerances nor resolution are worth a look
@@ -93,46 +88,28 @@ class SetUpErrors:
     def compute(
         self, run: Run | None, past: ObservedWindow, estimate: Estimate, prior: PriorInformation
     ) -> Pieces[None]:
-        """Compute the errors piece by piece.
+        """Compute the errors piece by piece: linearise the open model at the estimate, and on.
 
         Args:
             run, past, estimate: see `due`.
             prior: prior information with which the estimate weighs pictures.
+
+        Raises:
+            SimulationError: the motion cannot be simulated.
         """
         seen = past.manipulation()
         if run is None or seen is None:
             return
         self._examined = (run.used, math.log(estimate.specific_modulus))
-        scale = prior.scale(run.at, prior.step(run.at))
-        settings, spans = estimate.settings, run.simulation.basis.spans
-        try:
-            yield from self._compute(seen, settings, spans, scale, prior.prior)
-        except SimulationError as err:
-            LOG.info("the set-up's tolerances are not looked at: %s", err)
-
-    def _compute(
-        self, past: Manipulation, settings: Settings, spans: int, scale: float, prior: FloatArray
-    ) -> Pieces[None]:
-        """Linearise the open model at the estimate, then where that leads.
-
-        Args:
-            past: commands and observations from the start of the simulation on.
-            settings: settings with the estimate.
-            spans: knot spans of the simulation.
-            scale: information per squared metre of a residual number in the estimate [1/m^2].
-            prior: information on ln (E, mu, c, t_r) beside that of the pictures, shape (4, 4).
-
-        Raises:
-            SimulationError: the motion cannot be simulated.
-        """
-        recording = replace(measured(past, settings), spans=spans)
-        view = scene(settings, imposed_names([past]), [recording.observed])
+        scale, settings = prior.scale(run.at, prior.step(run.at)), estimate.settings
+        recording = replace(measured(seen, settings), spans=run.simulation.basis.spans)
+        view = scene(settings, imposed_names([seen]), [recording.observed])
         model = joint_model(settings, self._given, view)
         if not recording.planar or not any(p.effect for p in model.parameters):
             self.shifts = ()
             return
         here = yield from _linearised(model, recording)
-        self.shifts = yield from _shifts(here, scale, prior)
+        self.shifts = yield from _shifts(here, scale, prior.prior)
         name = CommandDelay.parameter("delay")
         if name not in model.names:
             return
@@ -167,7 +144,8 @@ def _shifts(here: Evaluation, scale: float, prior: FloatArray) -> Pieces[tuple[F
     """Errors of the estimate, see `SetUpErrors`, piece by piece.
 
     Args:
-        scale, prior: see `SetUpErrors._compute`.
+        scale: information per squared metre of a residual number in the estimate [1/m^2].
+        prior: information on ln (E, mu, c, t_r) beside that of the pictures, shape (4, 4).
     """
     model, opened, rod = here.model, here.posterior, here.model.settings.rod
     own = np.array([not p.effect for p in model.parameters])
