@@ -181,11 +181,6 @@ def _forecast(task: tuple[Manipulation, Settings, int | None]) -> Forecast | Non
         return None
 
 
-def _wrench(found: Forecast | None, end: str) -> FloatArray | None:
-    """Force and torque of the grip at an end, shape (F, 6); None where it holds nothing."""
-    return None if found is None else grip_wrenches(found.loadings, end)
-
-
 def _with_differences(
     borne: GripForces, others: Sequence[Forecast | None], ratios: FloatArray
 ) -> GripForces:
@@ -195,7 +190,8 @@ def _with_differences(
         others: forecasts with the settings of `_around` but the first.
         ratios: see `_borne_along`.
     """
-    wrenches = [_wrench(found, borne.measured.end) for found in others]
+    end = borne.measured.end
+    wrenches = [grip_wrenches(found.loadings if found else (), end) for found in others]
     differences = []
     for k, step in enumerate(STEPS):
         above, below = wrenches[2 * k : 2 * k + 2]

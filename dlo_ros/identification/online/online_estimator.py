@@ -220,12 +220,7 @@ class OnlineEstimator:
         yield from self._relinearise()
         if elapsed >= SETTLED:
             yield from self._judge_resolution()
-        run = self._run
-        settings, spans = run.simulation.settings, run.simulation.basis.spans
-        yield from self.forces.weigh(
-            run, tuple(self._past.observations), self._motion.commands, self._prior,
-            lambda: self._past.started(settings, spans, loads=True),
-        )  # fmt: skip
+        yield from self.forces.weigh(self._run, self._past, self._prior)
 
     def _adopt(self, theta: FloatArray) -> Pieces[None]:
         """Take over a run with given parameters, where the past can be simulated with them."""
