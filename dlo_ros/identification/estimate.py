@@ -118,23 +118,28 @@ def within_noise(settings: Settings, rms: float) -> Settings:
     return replace(settings, simulation=replace(simulation, tolerance=tolerance))
 
 
+def _stated(settings: Settings) -> dict[str, float]:
+    """Standard deviations that a parameter file states, over their values."""
+    rod, damping = settings.rod, settings.damping
+    pairs = {
+        "specific_modulus": (rod.specific_modulus, rod.specific_modulus_std),
+        "density": (rod.density, rod.density_std),
+        "air_drag": (damping.air_drag, damping.air_drag_std),
+        "relaxation_time": (damping.relaxation_time, damping.relaxation_time_std),
+    }
+    return {name: std / value for name, (value, std) in pairs.items() if std > 0.0 and value > 0.0}
+
+
 def known_information(settings: Settings, *, weighed: bool) -> FloatArray:
     """Prior information (4, 4) on the logarithms.
 
     Args:
         weighed: whether density_std counts; `identifiable` leaves it aside.
     """
-    rod, damping = settings.rod, settings.damping
-    known = np.zeros(4)
-    pairs = (
-        (1, rod.density, rod.density_std if weighed else 0.0),
-        (2, damping.air_drag, damping.air_drag_std),
-        (3, damping.relaxation_time, damping.relaxation_time_std),
-    )
-    for k, value, std in pairs:
-        if std > 0.0 and value > 0.0:
-            known[k] = (value / std) ** 2
-    return np.diag(known)
+    known = _stated(settings)
+    if not weighed:
+        known.pop("density", None)
+    return np.diag([known.get(name, np.inf) ** -2.0 for name in MATERIAL])
 
 
 def stated_covariance(settings: Settings) -> FloatArray | None:
@@ -145,17 +150,14 @@ def stated_covariance(settings: Settings) -> FloatArray | None:
     Returns:
         None where the file states none.
     """
-    rod, damping = settings.rod, settings.damping
-    result = np.zeros((4, 4))
-    for std, value, direction in (
-        (rod.specific_modulus_std, rod.specific_modulus, (1.0, 0.0, 0.0, 0.0)),
-        (rod.density_std, rod.density, (1.0, 1.0, 0.0, 0.0)),
-        (damping.air_drag_std, damping.air_drag, (0.0, 0.0, 1.0, 0.0)),
-        (damping.relaxation_time_std, damping.relaxation_time, (0.0, 0.0, 0.0, 1.0)),
-    ):
-        if std > 0.0 and value > 0.0:
-            result += (std / value) ** 2 * np.outer(direction, direction)
-    return result if result.any() else None
+    directions = {
+        "specific_modulus": np.array([1.0, 0.0, 0.0, 0.0]),
+        "density": np.array([1.0, 1.0, 0.0, 0.0]),
+        "air_drag": np.array([0.0, 0.0, 1.0, 0.0]),
+        "relaxation_time": np.array([0.0, 0.0, 0.0, 1.0]),
+    }
+    rows = np.array([std * directions[name] for name, std in _stated(settings).items()])
+    return rows.T @ rows if len(rows) else None
 
 
 def estimate_covariance(settings: Settings, information: FloatArray) -> FloatArray:

@@ -297,29 +297,23 @@ def search(
     length = settings.rod.length
     spans = 2 * SplineBasis(settings.rod.control_points, length).spans
     found: list[tuple[float, ManipulationCandidate]] = []
-    tried = 0
-
-    def attempt(candidate: ManipulationCandidate) -> None:
-        nonlocal tried
-        tried += 1
-        progress(tried / budget)
+    for tried in range(budget):
+        if tried < budget // 3 or not found:
+            candidate = draw(KINDS[tried % len(KINDS)], workspace, length, rng)
+        else:
+            found.sort(key=lambda pair: -pair[0])
+            parent = found[int(rng.integers(min(ELITE, len(found))))][1]
+            used = (tried - budget // 3) / max(budget - budget // 3, 1)
+            spread = FIRST_SPREAD * (LAST_SPREAD / FIRST_SPREAD) ** used
+            candidate = varied(parent, spread, workspace, length, rng)
+        progress((tried + 1) / budget)
         plan = replace(plan_of(candidate, "search", workspace, settings), rate=SEARCH_RATE)
         try:
             seen = judge(plan, spans)
         except (SimulationError, InputError):
-            return
+            continue
         if seen.reliable:
             found.append((seen.gain, candidate))
-
-    while tried < budget:
-        if tried < budget // 3 or not found:
-            attempt(draw(KINDS[tried % len(KINDS)], workspace, length, rng))
-            continue
-        found.sort(key=lambda pair: -pair[0])
-        parent = found[int(rng.integers(min(ELITE, len(found))))][1]
-        used = (tried - budget // 3) / max(budget - budget // 3, 1)
-        spread = FIRST_SPREAD * (LAST_SPREAD / FIRST_SPREAD) ** used
-        attempt(varied(parent, spread, workspace, length, rng))
     final: list[tuple[ManipulationCandidate, Result]] = []
     for _, candidate in sorted(found, key=lambda pair: -pair[0]):
         if sum(seen.reliable for _, seen in final) == finalists:
