@@ -178,23 +178,19 @@ def _best_start(coarse: tuple[Recording, ...], model: ParametricModel) -> Simula
     A fit begins from each factor of E whose neighbours are farther from the shapes: from those it
     would lead into the same minimum. None begins where far more is left than from the best.
     """
-    begun: list[Simulated | None] = []
+    begun: dict[int, Simulated] = {}
     failure: SimulationError | None = None
-    theta = model.theta()
-    for factor in FACTORS:
-        shifted = theta.copy()
-        shifted[0] += np.log(factor)
+    for k, factor in enumerate(FACTORS):
+        shifted = model.theta() + np.log(factor) * model.axis("young_modulus")
         try:
-            begun.append(simulate(model.at(shifted), coarse, ()))
+            begun[k] = simulate(model.at(shifted), coarse, ())
         except SimulationError as err:
             failure = err
-            begun.append(None)
-    errs = np.array([np.inf, *(np.inf if at is None else at.mean_err for at in begun), np.inf])
-    least = (errs[1:-1] <= errs[:-2]) & (errs[1:-1] <= errs[2:])
-    valleys = [at for at, is_least in zip(begun, least, strict=True) if is_least and at is not None]
-    if not valleys:
+    if not begun:
         raise failure or SimulationError("no starting value can be simulated")
-    valleys.sort(key=lambda at: at.mean_err)
+    errs = {k: at.mean_err for k, at in begun.items()}
+    least = [k for k in begun if errs[k] <= min(errs.get(n, np.inf) for n in (k - 1, k + 1))]
+    valleys = [begun[k] for k in sorted(least, key=errs.__getitem__)]
     best = valleys[0]
     for at in valleys[:VALLEYS]:
         if at.mean_err > MUCH_LARGER * valleys[0].mean_err:

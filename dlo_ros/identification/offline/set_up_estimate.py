@@ -132,8 +132,7 @@ def _best_valley(at: Evaluation, start: Evaluation, recordings: Sequence[Recordi
         return at
     best = at
     for factor in VALLEYS:
-        theta = start.model.theta()
-        theta[start.model.index("young_modulus")] += np.log(factor)
+        theta = start.model.theta() + np.log(factor) * start.model.axis("young_modulus")
         try:
             found = evaluate(start.model.at(theta), recordings)
             found = fit(found, recordings, VALLEY_ITERATIONS, loss=WHITE)
