@@ -165,27 +165,25 @@ def _designed(
                 remarks.append(f"'{plan.name}' is left out: {err}")
             bar.advance(task)
         bar.update(task, description="Searching")
-        best = search(
+        candidate, best = search(
             settings, workspace, purpose.judge, budget=tries, seed=arguments.seed,
             finalists=purpose.finalists,
             progress=lambda share: bar.update(task, completed=len(plans) + share * tries),
         )  # fmt: skip
-    ranking = sorted([*found, best.outlook], key=lambda o: -o.gain)
+    ranking = sorted([*found, best], key=lambda o: -o.gain)
     output: Path = arguments.output
     output.mkdir(parents=True, exist_ok=True)
-    text = experiment_text(
-        best.candidate, workspace, settings, Noise(std=arguments.noise), purpose.what
-    )
+    text = experiment_text(candidate, workspace, settings, Noise(std=arguments.noise), purpose.what)
     write_text(output / NEW, text)
     shown = purpose.presented(ranking)
-    origins = ["searched" if o is best.outlook else "given" for o in ranking]
+    origins = ["searched" if o is best else "given" for o in ranking]
     tree = {
         "experiments": [
             {"name": e.name, "origin": origin, **e.numbers, "reason": e.reason}
             for e, origin in zip(shown.experiments, origins, strict=True)
         ],
         "best": shown.experiments[0].name,
-        "new": {"name": best.outlook.plan.name, "file": NEW},
+        "new": {"name": best.plan.name, "file": NEW},
         **shown.numbers,
         "workspace": {
             "x": list(workspace.x), "z": list(workspace.z), "speed": workspace.speed,

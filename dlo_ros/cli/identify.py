@@ -141,7 +141,6 @@ def _more(
 ) -> tuple[Sample | None, FloatArray | None]:  # fmt: skip
     """Samples of the posterior and fits to drawn recordings, where they are asked for."""
     sampled, redrawn = None, None
-    assert found.fitted is not None
     start = searchable(settings).with_effects(found.estimate.settings.effects)
     if arguments.sample:
         sampled = sample(
@@ -233,8 +232,7 @@ def write_results(
     write_text(output / "estimate.json", text + "\n")
     comment = "Estimated by dlo_ros identify; nodes and tools load this file as it is."
     write_text(output / "estimate.yaml", _estimated(found.estimate).text(comment))
-    before = [r.before for r in found.recordings]
-    shown = report(settings, found, recordings, before)
+    shown = report(settings, found, recordings)
     write_identification_report(output / "report.html", shown)
 
 

@@ -54,11 +54,6 @@ PAIRS = (
 LEAST_VARIANCE = 1e-14  # of a logarithm: what is stated to be exact has no ellipse
 
 
-def information(found: Identification) -> FloatArray:
-    """Information of the data on the logarithms of `MATERIAL`, shape (4, 4)."""
-    return np.zeros((4, 4)) if found.fitted is None else found.fitted.information
-
-
 def tree(
     found: Identification, sampled: Sample | None = None, redrawn: FloatArray | None = None
 ) -> dict[str, Any]:
@@ -80,7 +75,7 @@ def tree(
         {"bag": r.name, "role": r.role, "err": r.err, "err_initial": r.err_initial}
         for r in found.recordings
     ]
-    matrix = information(found)
+    matrix = found.fitted.information
     result["statement"] = sentences(estimate, matrix)
     result["knowledge"] = {
         k.name: {"source": k.source, "data_std": k.data_std, "std": k.std}
@@ -97,7 +92,7 @@ def tree(
     }
     result["setup"] = {
         name.removeprefix(EFFECTS_PREFIX): {"value": v, "std": std, "unit": _unit(name)}
-        for name, (v, std) in found.set_up.items()
+        for name, (v, std) in found.fitted.set_up.items()
     }
     forces = found.forces
     if forces is not None:
@@ -174,11 +169,12 @@ def _unit(name: str) -> str:
 
 def _set_up(found: Identification) -> list[str]:
     """Sentences on the numbers of the set-up that are off."""
-    if not found.set_up:
+    numbers = found.fitted.set_up
+    if not numbers:
         return []
-    counts = Counter(split_name(name)[:2] for name in found.set_up)
+    counts = Counter(split_name(name)[:2] for name in numbers)
     off = []
-    for name, (value, std) in found.set_up.items():
+    for name, (value, std) in numbers.items():
         effect, key, index = split_name(name)
         if abs(value - quantities(effect)[key].neutral) > NOTABLE_STDS * std:
             count = counts[effect, key]
@@ -199,20 +195,18 @@ def force_sentences(found: Identification) -> list[str]:
 
 def remarks(found: Identification) -> list[str]:
     """Sentences on what the recordings determine and what they do not."""
-    estimate = found.estimate
-    result = sentences(estimate, information(found))
+    result = sentences(found.estimate, found.fitted.information)
     result += force_sentences(found)
     result += _set_up(found)
-    if not found.converged:
+    if not found.fitted.converged:
         result.append("The fit has not converged; the numbers are where it stopped.")
-    if found.fitted is not None:
-        left_out = sum(found.fitted.left_out)
-        if left_out:
-            result.append(
-                "1 picture deviates grossly and does not count in the fit."
-                if left_out == 1
-                else f"{left_out} pictures deviate grossly and do not count in the fit."
-            )
+    left_out = sum(found.fitted.left_out)
+    if left_out:
+        result.append(
+            "1 picture deviates grossly and does not count in the fit."
+            if left_out == 1
+            else f"{left_out} pictures deviate grossly and do not count in the fit."
+        )
     for r in found.recordings:
         if (
             r.err is not None
@@ -224,16 +218,13 @@ def remarks(found: Identification) -> list[str]:
                 "Something else is at work, and part of its effect is absorbed by the parameters; "
                 "`diagnose` looks for it."
             )
-    if found.fitted is not None and found.fitted.error > 0.0:
+    if found.fitted.error > 0.0:
         result.append(f"The simulation's own error is {rounded(1e3 * found.fitted.error)} mm.")
     return result
 
 
 def report(
-    settings: Settings,
-    found: Identification,
-    recordings: Sequence[Manipulation],
-    before: Sequence[Forecast | None] = (),
+    settings: Settings, found: Identification, recordings: Sequence[Manipulation]
 ) -> IdentificationReport:
     """The report for a person.
 
@@ -241,11 +232,9 @@ def report(
         settings: the initial guess.
         found: the result, recordings in the order given here.
         recordings: the recordings that the estimate comes from.
-        before: forecasts with the initial guess, where they are known.
     """
     estimate = found.estimate
     length = settings.rod.length
-    initial = before or [None] * len(recordings)
     ellipses, not_drawn = _ellipses(found)
     return IdentificationReport(
         title="Identification from recordings",
@@ -262,10 +251,10 @@ def report(
         ),
         recordings=tuple(
             RecordingRow(
-                r.name, r.role, length, r.err_initial, r.err, _frames(r.forecast, measured, first),
-                _residuals(r.forecast, measured, length),
+                r.name, r.role, length, r.err_initial, r.err,
+                _frames(r.forecast, measured, r.before), _residuals(r.forecast, measured, length),
             )
-            for r, measured, first in zip(found.recordings, recordings, initial, strict=True)
+            for r, measured in zip(found.recordings, recordings, strict=True)
         ),
         noise_floor=found.noise_floor,
         remarks=tuple(remarks(found)),
@@ -321,7 +310,7 @@ def _ellipses(found: Identification) -> tuple[list[Ellipse], list[str]]:
 
     A guess, as the remarks call it, has no uncertainty that could be drawn.
     """
-    known = {k.name: k for k in knowledge(found.estimate, information(found))}
+    known = {k.name: k for k in knowledge(found.estimate, found.fitted.information)}
     result = []
     left_out: dict[str, list[str]] = {}
     for pair in PAIRS:

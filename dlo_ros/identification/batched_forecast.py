@@ -29,25 +29,20 @@ from dlo_ros.spline import FloatArray
 
 
 def forecast_each(
-    manipulation: Manipulation,
-    settings: Sequence[Settings],
-    *,
-    spans: int | None = None,
-    last_stamp: int | None = None,
+    manipulation: Manipulation, settings: Sequence[Settings], spans: int | None = None
 ) -> list[Forecast | None]:
     """Forecasts with several settings of one DLO; None where the simulation fails.
 
     Raises:
         InputError: as `forecast`.
     """
-    return exhausted(forecast_in_pieces(manipulation, settings, spans, last_stamp))
+    return exhausted(forecast_in_pieces(manipulation, settings, spans))
 
 
 def forecast_in_pieces(
     manipulation: Manipulation,
     settings: Sequence[Settings],
     spans: int | None = None,
-    last_stamp: int | None = None,
     frames: int | None = None,
 ) -> Pieces[list[Forecast | None]]:
     """Forecasts as of `forecast_each`, in short pieces for callers that must not wait.
@@ -55,28 +50,24 @@ def forecast_in_pieces(
     Args:
         frames: observations of a piece; None: all.
     """
-    together = yield from _together(manipulation, settings, spans, last_stamp, frames)
+    together = yield from _together(manipulation, settings, spans, frames)
     if together is not None:
         return together
     result: list[Forecast | None] = []
     for one in settings:
         yield SHORT
         try:
-            result.append(forecast(manipulation, one, spans=spans, last_stamp=last_stamp))
+            result.append(forecast(manipulation, one, spans=spans))
         except SimulationError:
             result.append(None)
     return result
 
 
 def _together(
-    manipulation: Manipulation,
-    sets: Sequence[Settings],
-    spans: int | None,
-    last_stamp: int | None,
-    frames: int | None,
+    manipulation: Manipulation, sets: Sequence[Settings], spans: int | None, frames: int | None
 ) -> Pieces[list[Forecast | None] | None]:
     """Forecasts from one run of all sets; None where that cannot be done."""
-    observations = seen_until(manipulation, last_stamp)
+    observations = seen_until(manipulation, None)
     sets = [as_started(one, manipulation) for one in sets]
     motion = motion_of(manipulation)
     first = simulation_of(sets[0], motion, spans=spans)
@@ -92,25 +83,20 @@ def _together(
     stamps = [o.stamp for o in observations]
     later = [s for s in stamps if s > first.stamp]
     pieces: list[FloatArray] = [] if len(later) == len(stamps) else [batch.shapes[:, None]]
-    if later:
-        yield SHORT
-        size = frames or len(later)
-        try:
-            for k in range(0, len(later), size):
-                pieces.append(batch.advance_through(later[k : k + size]))
-                yield SHORT
-        except InputError:
-            return None
+    size = frames or len(stamps)
+    try:
+        for k in range(0, len(later), size):
+            yield SHORT
+            pieces.append(batch.advance_through(later[k : k + size]))
+    except InputError:
+        return None
     shapes = np.concatenate(pieces, axis=1)
     error = first.resolution.error if first.resolution else np.nan
-    result: list[Forecast | None] = []
+    result: list[Forecast | None] = [None] * len(sets)
     for k in range(len(sets)):
         yield SHORT
-        if k in batch.failures:
-            result.append(None)
-            continue
-        result.append(
-            compared(
+        if k not in batch.failures:
+            result[k] = compared(
                 observations,
                 shapes[k],
                 None,
@@ -120,5 +106,4 @@ def _together(
                 stable=batch.stable[k],
                 unit=unit_of(manipulation),
             )
-        )
     return result

@@ -46,7 +46,6 @@ class Estimate:
             its name, leaving density_std aside.
         covariance: covariance of the logarithms of `MATERIAL`, known prior information included,
             shape (4, 4).
-        traded: pairs of parameters of which the data determine a combination far better than each.
         significant: whether it differs enough from what was last reported as significant to be
             passed on to a running simulation (online only).
         delay: time by which the DLO moves later than commanded, and its std [s]; None: not known
@@ -62,9 +61,19 @@ class Estimate:
     specific_modulus_std: float | None
     identifiable: dict[str, bool]
     covariance: FloatArray
-    traded: tuple[tuple[str, str], ...] = ()
     significant: bool = False
     delay: tuple[float, float] | None = None
+
+    @property
+    def traded(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of parameters of which the data determine a combination far better than each."""
+        variance = dict(zip(MATERIAL, np.diag(self.covariance), strict=True))
+        pairs = correlations(self.covariance).items()
+        return tuple(
+            (a, b)
+            for (a, b), value in pairs
+            if abs(value) > 1.0 - SMALL_SHARE and max(variance[a], variance[b]) < OPEN**2
+        )
 
 
 def searchable(settings: Settings) -> Settings:
@@ -109,23 +118,28 @@ def within_noise(settings: Settings, rms: float) -> Settings:
     return replace(settings, simulation=replace(simulation, tolerance=tolerance))
 
 
+def _stated(settings: Settings) -> dict[str, float]:
+    """Standard deviations that a parameter file states, over their values."""
+    rod, damping = settings.rod, settings.damping
+    pairs = {
+        "specific_modulus": (rod.specific_modulus, rod.specific_modulus_std),
+        "density": (rod.density, rod.density_std),
+        "air_drag": (damping.air_drag, damping.air_drag_std),
+        "relaxation_time": (damping.relaxation_time, damping.relaxation_time_std),
+    }
+    return {name: std / value for name, (value, std) in pairs.items() if std > 0.0 and value > 0.0}
+
+
 def known_information(settings: Settings, *, weighed: bool) -> FloatArray:
     """Prior information (4, 4) on the logarithms.
 
     Args:
         weighed: whether density_std counts; `identifiable` leaves it aside.
     """
-    rod, damping = settings.rod, settings.damping
-    known = np.zeros(4)
-    pairs = (
-        (1, rod.density, rod.density_std if weighed else 0.0),
-        (2, damping.air_drag, damping.air_drag_std),
-        (3, damping.relaxation_time, damping.relaxation_time_std),
-    )
-    for k, value, std in pairs:
-        if std > 0.0 and value > 0.0:
-            known[k] = (value / std) ** 2
-    return np.diag(known)
+    known = _stated(settings)
+    if not weighed:
+        known.pop("density", None)
+    return np.diag([known.get(name, np.inf) ** -2.0 for name in MATERIAL])
 
 
 def stated_covariance(settings: Settings) -> FloatArray | None:
@@ -136,17 +150,14 @@ def stated_covariance(settings: Settings) -> FloatArray | None:
     Returns:
         None where the file states none.
     """
-    rod, damping = settings.rod, settings.damping
-    result = np.zeros((4, 4))
-    for std, value, direction in (
-        (rod.specific_modulus_std, rod.specific_modulus, (1.0, 0.0, 0.0, 0.0)),
-        (rod.density_std, rod.density, (1.0, 1.0, 0.0, 0.0)),
-        (damping.air_drag_std, damping.air_drag, (0.0, 0.0, 1.0, 0.0)),
-        (damping.relaxation_time_std, damping.relaxation_time, (0.0, 0.0, 0.0, 1.0)),
-    ):
-        if std > 0.0 and value > 0.0:
-            result += (std / value) ** 2 * np.outer(direction, direction)
-    return result if result.any() else None
+    directions = {
+        "specific_modulus": np.array([1.0, 0.0, 0.0, 0.0]),
+        "density": np.array([1.0, 1.0, 0.0, 0.0]),
+        "air_drag": np.array([0.0, 0.0, 1.0, 0.0]),
+        "relaxation_time": np.array([0.0, 0.0, 0.0, 1.0]),
+    }
+    rows = np.array([std * directions[name] for name, std in _stated(settings).items()])
+    return rows.T @ rows if len(rows) else None
 
 
 def estimate_covariance(settings: Settings, information: FloatArray) -> FloatArray:
@@ -178,26 +189,29 @@ def summarise(initial: Settings, theta: FloatArray, data_information: FloatArray
     covariance = inverse(data_information + known_information(initial, weighed=True))
     unweighed = inverse(data_information + known_information(initial, weighed=False))
     settings = with_logarithms(initial, theta)
-    spread = {k: math.sqrt(max(float(c @ covariance @ c), 0.0)) for k, c in COMBINATIONS.items()}
-    alone = {k: math.sqrt(max(float(c @ unweighed @ c), 0.0)) for k, c in COMBINATIONS.items()}
-    value = {
-        "young_modulus": settings.rod.young_modulus,
-        "density": settings.rod.density,
-        "specific_modulus": settings.rod.specific_modulus,
-    }
-    std = {k: value[k] * s if s < UNBOUNDED else None for k, s in spread.items()}
-    return Estimate(
-        settings,
-        value["young_modulus"],
-        value["density"],
-        value["specific_modulus"],
-        std["young_modulus"],
-        std["density"],
-        std["specific_modulus"],
-        {k: s < IDENTIFIED for k, s in alone.items()},
-        covariance,
-        _traded(covariance),
+    rod = settings.rod
+    values = (rod.young_modulus, rod.density, rod.specific_modulus)
+    relative = [bounded(std) for std in stds(covariance).values()]
+    young_modulus, density, ratio = (
+        None if std is None else value * std for value, std in zip(values, relative, strict=True)
     )
+    known = {name: std < IDENTIFIED for name, std in stds(unweighed).items()}
+    return Estimate(settings, *values, young_modulus, density, ratio, known, covariance)
+
+
+def std_along(covariance: FloatArray, direction: FloatArray) -> float:
+    """Standard deviation of a combination (4,) of logarithms with a covariance (4, 4)."""
+    return math.sqrt(max(float(direction @ covariance @ direction), 0.0))
+
+
+def stds(covariance: FloatArray) -> dict[str, float]:
+    """Standard deviations of the logarithms of `COMBINATIONS`."""
+    return {name: std_along(covariance, c) for name, c in COMBINATIONS.items()}
+
+
+def bounded(std: float) -> float | None:
+    """The standard deviation of a logarithm; None where that leaves it unknown."""
+    return std if std < UNBOUNDED else None
 
 
 def inverse(information: FloatArray) -> FloatArray:
@@ -213,9 +227,3 @@ def correlations(covariance: FloatArray) -> dict[tuple[str, str], float]:
     std = np.sqrt(np.diag(covariance))
     pairs = combinations(range(len(MATERIAL)), 2)
     return {(MATERIAL[i], MATERIAL[j]): float(covariance[i, j] / std[i] / std[j]) for i, j in pairs}
-
-
-def _traded(covariance: FloatArray) -> tuple[tuple[str, str], ...]:
-    known = {name for name, v in zip(MATERIAL, np.diag(covariance), strict=True) if v < OPEN**2}
-    pairs = correlations(covariance).items()
-    return tuple(p for p, value in pairs if abs(value) > 1.0 - SMALL_SHARE and known.issuperset(p))

@@ -7,16 +7,17 @@ another. Forces measured at the grips determine it without a further simulation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dlo_ros.command import Command
 from dlo_ros.effects import quantities
-from dlo_ros.identification.cooperative_tasks import LONG, Pieces, exhausted
+from dlo_ros.identification.cooperative_tasks import LONG, Pieces
+from dlo_ros.identification.estimate import bounded
 from dlo_ros.identification.identifiability import rounded
-from dlo_ros.inference.thresholds import UNBOUNDED
+from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.wrench import (
     WrenchField,
     WrenchInformation,
@@ -87,7 +88,7 @@ class Scale:
     @property
     def relative(self) -> tuple[float | None, float | None, float | None]:
         """The three standard deviations; None where that leaves it unknown."""
-        everything, change, mean = (s if s < UNBOUNDED else None for s in self.std)
+        everything, change, mean = (bounded(s) for s in self.std)
         return everything, change, mean
 
 
@@ -100,16 +101,21 @@ def grip_wrenches(loadings: Sequence[Loading], end: str) -> FloatArray | None:
 
 
 def borne_along(
-    name: str, loadings: Sequence[Loading], stamps: Sequence[int], wrenches: Sequence[Wrenches],
-    commands: Sequence[Command],
-) -> list[GripForces]:  # fmt: skip
-    """Measured forces at the ends, beside the predicted ones at stamps [ns]."""
+    recording: Manipulation, loadings: Sequence[Loading], stamps: Iterable[int]
+) -> list[GripForces]:
+    """Measured forces at the ends of a recording, beside the predicted ones.
+
+    Args:
+        loadings: predicted loads, F of them.
+        stamps: their stamps [ns].
+    """
+    at = tuple(int(stamp) for stamp in stamps)
     result = []
-    for measured in wrenches:
+    for measured in recording.wrenches:
         predicted = grip_wrenches(loadings, measured.end)
         if predicted is not None:
-            label = f"{name}, {measured.end}"
-            result.append(GripForces(label, measured, tuple(stamps), predicted, tuple(commands)))
+            label = f"{recording.name}, {measured.end}"
+            result.append(GripForces(label, measured, at, predicted, recording.commands))
     return result
 
 
@@ -119,25 +125,14 @@ def scale_of(
     *,
     known: float = 0.0,
     diameter_std: float = 0.0,
-) -> Scale | None:
-    """The scale of all forces; None where no force was measured near a shape.
+) -> Pieces[Scale | None]:
+    """The scale of all forces, piece by piece; None where no force was measured near a shape.
 
     Args:
         settings: settings of the parameter file, by whose weight force offsets are judged.
         known: information beforehand on the logarithm of the scale, that it is 0.
         diameter_std: standard deviation of the DLO's diameter over the diameter.
     """
-    return exhausted(scale_in_pieces(borne, settings, known=known, diameter_std=diameter_std))
-
-
-def scale_in_pieces(
-    borne: Sequence[GripForces],
-    settings: Settings,
-    *,
-    known: float = 0.0,
-    diameter_std: float = 0.0,
-) -> Pieces[Scale | None]:
-    """The scale as of `scale_of`, in short pieces for callers that must not wait."""
     log = 0.0
     fields: list[WrenchField] = []
     found: list[WrenchInformation] = []

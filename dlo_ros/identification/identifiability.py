@@ -3,14 +3,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.identification.estimate import Estimate, correlations, inverse, known_information
-from dlo_ros.inference.thresholds import CLEARLY_LESS, IDENTIFIED, UNBOUNDED
+from dlo_ros.identification.estimate import (
+    Estimate,
+    bounded,
+    correlations,
+    inverse,
+    known_information,
+    std_along,
+)
+from dlo_ros.inference.thresholds import CLEARLY_LESS, IDENTIFIED
 from dlo_ros.spline import FloatArray
 
 # Combinations of logarithms that are spoken of.
@@ -57,32 +63,27 @@ def knowledge(estimate: Estimate, information: FloatArray) -> list[Knowledge]:
     result = []
     for name, (words, direction) in QUANTITIES.items():
         c = np.array(direction)
-        alone = _std(information, c)
-        helped = _std(information + forces, c)
-        full = _std(information + everything, c)
+        alone, helped, full, before = (
+            std_along(inverse(known), c)
+            for known in (information, information + forces, information + everything, forces)
+        )
         if name == "relaxation_time" and not settings.damping.relaxation_time > 0.0:
             continue
         source = "guess"
-        if helped < IDENTIFIED and helped < CLEARLY_LESS * _std(forces, c):
+        if helped < IDENTIFIED and helped < CLEARLY_LESS * before:
             source = "data"
         elif full < IDENTIFIED:
             source = "prior"
-        result.append(Knowledge(name, words, source, _bounded(alone), _bounded(full)))
+        result.append(Knowledge(name, words, source, bounded(alone), bounded(full)))
     return result
-
-
-def _std(information: FloatArray, direction: FloatArray) -> float:
-    return math.sqrt(max(float(direction @ inverse(information) @ direction), 0.0))
-
-
-def _bounded(std: float) -> float | None:
-    return std if std < UNBOUNDED else None
 
 
 def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
     """Sentences on what the recordings determine, and what would settle the rest."""
     known = knowledge(estimate, information)
-    determined = [f"{k.words} to {_percent(k.std)}" for k in known if k.source == "data" and k.std]
+    determined = [
+        f"{k.words} to {rounded(100.0 * k.std)} %" for k in known if k.source == "data" and k.std
+    ]
     before = [k.words for k in known if k.source == "prior"]
     open_ = [k.words for k in known if k.source == "guess"]
     result = [f"The recordings determine {enumerated(determined)}." if determined else
@@ -113,10 +114,6 @@ def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
         f"{found_[a, b]:+.3f}): the data fix a combination of them far better than each."
         for a, b in estimate.traded
     ]
-
-
-def _percent(std: float | None) -> str:
-    return "unknown" if std is None else f"{rounded(100.0 * std)} %"
 
 
 def rounded(number: float) -> str:

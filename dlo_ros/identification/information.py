@@ -9,14 +9,14 @@ gradient (a sandwich: H^-1 M H^-1 with H = J^T J and M = J^T Sigma J).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from dlo_ros.inference.priors import DIAMETER_STD
 from dlo_ros.inference.spectrum import Spectrum
 from dlo_ros.inference.variances import Variances
-from dlo_ros.rod_settings import RodSettings
+from dlo_ros.rod_settings import RodParameters, RodSettings
 from dlo_ros.spline import FloatArray
 
 STRETCH_STIFFNESS = 2.0
@@ -40,17 +40,26 @@ def discrepancy(error: float, settings: RodSettings) -> float:
     return float(rod.length * np.hypot(own, STRETCH_SHAPE * strain(settings)))
 
 
-def model_shifts(settings: RodSettings, count: int) -> list[FloatArray]:
-    """Possible shifts of ln E, of `count` logarithms: by the rod theory, and by the diameter.
+def model_shift(settings: RodSettings, *, usual: bool = False) -> FloatArray:
+    """Possible shift of ln (E, mu, c, t_r): of ln E by rod theory and diameter, shape (4,).
 
     Shapes determine E D^2 / mu.
+
+    Args:
+        usual: see `diameter_error`.
     """
-    rod = settings.rod
-    first = np.eye(count)[0]
-    return [
-        STRETCH_STIFFNESS * strain(settings) * first,
-        2.0 * rod.diameter_std / rod.diameter * first,
-    ]
+    theory = STRETCH_STIFFNESS * strain(settings)
+    thickness = 2.0 * diameter_error(settings.rod, usual=usual)
+    return np.array([np.hypot(theory, thickness), 0.0, 0.0, 0.0])
+
+
+def diameter_error(rod: RodParameters, *, usual: bool = False) -> float:
+    """Standard deviation of the diameter over the diameter.
+
+    Args:
+        usual: whether a diameter without a stated one has that of `DIAMETER_STD`.
+    """
+    return rod.diameter_std / rod.diameter or (DIAMETER_STD if usual else 0.0)
 
 
 def strain(settings: RodSettings) -> float:
@@ -126,7 +135,7 @@ class NormalEquations:
             self.staying + other.staying,
         )
 
-    def information(self, shifts: Sequence[FloatArray] = ()) -> FloatArray:
+    def information(self, *shifts: FloatArray) -> FloatArray:
         """Information on the P parameters, shape (P, P).
 
         Args:

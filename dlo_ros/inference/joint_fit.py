@@ -174,8 +174,7 @@ def best_settled(start: Evaluation, recordings: Sequence[Recording]) -> Evaluati
         return at
     nearest, least = None, CLEARLY_LESS * approached(at, recordings, VALLEY_STEPS).mean_err
     for factor in VALLEYS:
-        theta = start.model.theta()
-        theta[start.model.index("young_modulus")] += np.log(factor)
+        theta = start.model.theta() + np.log(factor) * start.model.axis("young_modulus")
         try:
             found = evaluate(start.model.at(theta), recordings)
         except SimulationError as err:

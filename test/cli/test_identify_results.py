@@ -24,8 +24,10 @@ def identified(**stds):
     directions = {"ratio": RATIO, "drag": DRAG, "relaxation": RELAXATION}
     matrix = sum(np.outer(directions[k], directions[k]) / std**2 for k, std in stds.items())
     estimate = summarise(PAPER, logarithms(PAPER), matrix)
-    fitted = SimpleNamespace(information=matrix, left_out=(), error=np.nan)
-    return Identification(estimate, (), None, True, fitted)
+    fitted = SimpleNamespace(
+        information=matrix, set_up={}, converged=True, left_out=(), error=np.nan
+    )
+    return Identification(estimate, (), fitted)
 
 
 @pytest.mark.parametrize("relaxation", [0.1, 0.24, 0.3, 0.45, 2.0])

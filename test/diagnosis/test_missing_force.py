@@ -10,7 +10,7 @@ from rods import PAPER, SECOND, command
 
 from dlo_ros.diagnosis.residuals.missing_force import missing_force
 from dlo_ros.identification import Manipulation, forecast
-from dlo_ros.identification.offline.recording_noise import with_noise
+from dlo_ros.identification.residual_noise import with_noise
 from dlo_ros.inference.measured import measured
 from dlo_ros.observation import Observation
 from dlo_ros.spline import SplineBasis

@@ -10,7 +10,7 @@ from rods import KNOWN, PAPER
 
 from dlo_ros.diagnosis.contact.undisturbed import outlier_frames, robust_loss, undisturbed
 from dlo_ros.identification.material_model import material_model
-from dlo_ros.identification.offline.recording_noise import with_noise
+from dlo_ros.identification.residual_noise import with_noise
 from dlo_ros.inference.joint import evaluate, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import WHITE

@@ -200,7 +200,7 @@ def offline(drawn: Drawn) -> Estimate:
     """The estimate of `identify`; where the twisting stiffness is drawn, what is told of it."""
     found = identify(drawn.recordings, drawn.guess)
     if drawn.twisting is not None:
-        told = found.set_up.get(f"effects.{TWIST}.ratio")
+        told = found.fitted.set_up.get(f"effects.{TWIST}.ratio")
         words = "taken as stated" if told is None else "{:.3g} +- {:.2g}".format(*told)
         print(f"twisting stiffness {words}, truly {drawn.twisting:.3g}; ", end="")
     return found.estimate

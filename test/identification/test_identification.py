@@ -66,7 +66,7 @@ def test_noise_is_found_in_the_frames(swinging):
 def test_a_motion_gives_the_ratio_from_far_off(swinging, factor):
     found = identify([swinging], guess(factor))
     estimate = found.estimate
-    assert found.converged
+    assert found.fitted.converged
     off = estimate.specific_modulus / TRUE_RATIO - 1.0
     assert abs(off) < 0.01
     assert abs(off) * TRUE_RATIO < 4.0 * estimate.specific_modulus_std

@@ -159,13 +159,13 @@ def test_what_was_known_beforehand_counts_once_however_many_windows_there_are():
     guess, known = np.zeros(4), np.diag([1e-2, 40.0, 4.0, 4.0])
     derivatives = rng.normal(size=(10, 4, 20, 3))
     noise = 0.5 * rng.normal(size=(10, 20, 3))
-    at, prior = Linearised(guess, 60), PriorInformation(known, guess)
+    at, prior = Linearised(guess), PriorInformation(known, guess)
     for derivative, error in zip(derivatives, noise, strict=True):
         at.add(np.einsum("p,pnc->nc", truth, derivative) + error, derivative)
     whole = prior.step(at)
     theta, prior = guess, PriorInformation(known, guess)
     for derivative, error in zip(derivatives, noise, strict=True):
-        at = Linearised(theta, 60)
+        at = Linearised(theta)
         at.add(np.einsum("p,pnc->nc", truth - theta, derivative) + error, derivative)
         theta = theta + prior.step(at)
         prior.fold(at, theta, 1.0)

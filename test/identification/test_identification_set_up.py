@@ -63,9 +63,9 @@ def test_a_clamp_that_points_elsewhere_is_found_and_the_ratio_with_it(turned, gu
     )  # fmt: skip
     assert tolerance(exact, "clamp_angle.start") == 0.0
     without = identify([turned], exact)
-    assert "effects.clamp_angle.start" not in without.set_up
+    assert "effects.clamp_angle.start" not in without.fitted.set_up
     found = identify([turned], guess)
-    value, std = found.set_up["effects.clamp_angle.start"]
+    value, std = found.fitted.set_up["effects.clamp_angle.start"]
     assert abs(value - TURNED) < 3.0 * std
     assert std < 0.02
     estimate = found.estimate
@@ -78,7 +78,7 @@ def test_a_clamp_that_points_elsewhere_is_found_and_the_ratio_with_it(turned, gu
 
 def test_a_set_up_as_stated_is_taken_as_exact(guess):
     found = identify([swing(PAPER, seconds=1.5)], guess)
-    assert found.set_up == {}
+    assert found.fitted.set_up == {}
     assert not found.estimate.settings.effects
     assert found.estimate.specific_modulus == pytest.approx(RATIO, rel=2e-3)
 

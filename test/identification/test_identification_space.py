@@ -45,7 +45,7 @@ def test_a_twisting_stiffness_is_told_where_a_turned_clamp_tells_it(ratio, tmp_p
     effects = {"twisting_stiffness": {"ratio": ratio}}
     recording, made = recorded(tmp_path, 3.0, effects, 2.0)
     found = identify([recording], made.guess)
-    told, std = found.set_up["effects.twisting_stiffness.ratio"]
+    told, std = found.fitted.set_up["effects.twisting_stiffness.ratio"]
     assert told == pytest.approx(ratio, rel=0.03)
     assert abs(told - ratio) < 3.0 * std < 0.15 * ratio
     true = made.truth.rod.specific_modulus
@@ -64,7 +64,7 @@ def test_a_free_end_tells_no_twisting_stiffness(tmp_path):
     made = read_experiment(tree | {"duration": 1.5}, "free", "free.yaml")
     synthesize(made, tmp_path / "bag", images=False, edges=60, step=4e-3)
     found = identify([load_manipulation(tmp_path / "bag", made.guess)], made.guess)
-    told, std = found.set_up["effects.twisting_stiffness.ratio"]
+    told, std = found.fitted.set_up["effects.twisting_stiffness.ratio"]
     assert std > 0.3 * told
     assert not any("twisting" in line for line in remarks(found))
 
@@ -84,7 +84,7 @@ def test_a_set_up_that_is_off_in_space_is_found_with_it(tmp_path):
     for name, true in (("clamp_angle.end", off["clamp_angle"]["end"]),
                        ("camera_rotation.angle", off["camera_rotation"]["angle"])):  # fmt: skip
         for k, value in enumerate(true):
-            told, std = found.set_up[f"effects.{name}[{k}]"]
+            told, std = found.fitted.set_up[f"effects.{name}[{k}]"]
             assert abs(told - value) < max(3.0 * std, 0.002)
 
 
@@ -117,9 +117,9 @@ def test_a_rope_held_beside_where_turning_hands_say_is_found(tmp_path):
     assert abs(told.specific_modulus - ratio) < 2.0 * told.specific_modulus_std
     for end, offset in off.items():
         for k, true in enumerate(offset):
-            value, std = found.set_up[f"effects.grip_offset.{end}[{k}]"]
+            value, std = found.fitted.set_up[f"effects.grip_offset.{end}[{k}]"]
             assert std < 1e-3 and abs(value - true) < 3.0 * std
-    delay, std = found.set_up["effects.command_delay.delay"]
+    delay, std = found.fitted.set_up["effects.command_delay.delay"]
     assert abs(delay) < max(3.0 * std, 1e-3) and 0.0 < std < 1e-3
     diagnosis = diagnose([recording], given)
     assert [e.name for e in diagnosis.effects] == ["grip_offset"]
@@ -145,5 +145,5 @@ def test_hands_that_do_not_turn_do_not_separate_the_axes(tmp_path):
     for end in ("start", "end"):
         for k in range(3):
             for effect in ("grip_offset", "clamp_offset"):
-                value, std = found.set_up[f"effects.{effect}.{end}[{k}]"]
+                value, std = found.fitted.set_up[f"effects.{effect}.{end}[{k}]"]
                 assert abs(value) < 3.0 * std and std > 1e-3

@@ -138,7 +138,7 @@ def test_a_scheduler_that_is_not_there_is_told():
 @pytest.mark.slow
 def test_the_sampled_posterior_is_that_of_the_curvature(recordings, found):
     """One informative shape is nearly linear in ln(E/mu), so both must agree."""
-    drawn = sample(searchable(GUESS), found.fitted, count=200, seed=1)
+    drawn = sample(searchable(GUESS), found.fitted, count=200)
     low, middle, high = drawn.quantiles("specific_modulus")
     estimate = found.estimate
     assert drawn.effective > 40

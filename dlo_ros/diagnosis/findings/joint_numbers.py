@@ -17,10 +17,9 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     SetupNumber,
 )
 from dlo_ros.effects import added_to_damping, damping_effect, effects, quantities
-from dlo_ros.identification.information import model_shifts
+from dlo_ros.identification.information import model_shift
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.parameter import Parameter, split_name
-from dlo_ros.inference.priors import DIAMETER_STD
 from dlo_ros.inference.thresholds import UNBOUNDED
 from dlo_ros.inference.variances import widened_covariance
 from dlo_ros.parameters import Settings, tolerance
@@ -112,9 +111,7 @@ def fitted_material(
         doubt: std of ln E by what may or may not act, see `Explanation.stiffness_doubt`.
     """
     spread, rod = widening**2 * reported_covariance(at), at.model.settings.rod
-    rough = 0.0 if rod.diameter_std else 2.0 * DIAMETER_STD
-    shifts = np.concatenate([*model_shifts(at.model.settings, 1), [rough, doubt]])
-    stiffness_error = float(np.linalg.norm(shifts))
+    stiffness_error = math.hypot(float(model_shift(at.model.settings, usual=True)[0]), doubt)
     unit = {name: at.model.axis(name) for name in ("young_modulus", "density")}
     result: list[tuple[float, float | None]] = []
     scale_std = math.sqrt(max(float(unit["density"] @ spread @ unit["density"]), 0.0))

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis, Fitted, NamedEffect, Number
 from dlo_ros.errors import SimulationError
+from dlo_ros.identification.cooperative_tasks import exhausted
 from dlo_ros.identification.force_scale import (
     POWERS,
     Scale,
@@ -22,8 +23,8 @@ from dlo_ros.identification.force_scale import (
     with_scale,
     words,
 )
+from dlo_ros.identification.information import diameter_error
 from dlo_ros.inference.forecast import Manipulation, forecast
-from dlo_ros.inference.priors import DIAMETER_STD
 from dlo_ros.inference.thresholds import UNBOUNDED
 from dlo_ros.parameters import Settings
 
@@ -75,15 +76,11 @@ def _scale(model: Fitted, recordings: Sequence[Manipulation], given: Settings) -
     borne = []
     for recording in recordings:
         at = forecast(recording, model.settings, loads=True)
-        stamps = [int(s) for s in at.stamps]
-        borne += borne_along(
-            recording.name, at.loadings, stamps, recording.wrenches, recording.commands
-        )
+        borne += borne_along(recording, at.loadings, at.stamps)
     density, std = model.density
-    rod = given.rod
     known = 0.0 if std is None else (density / std) ** 2
-    diameter = rod.diameter_std / rod.diameter or DIAMETER_STD
-    return scale_of(borne, given, known=known, diameter_std=diameter)
+    diameter = diameter_error(given.rod, usual=True)
+    return exhausted(scale_of(borne, given, known=known, diameter_std=diameter))
 
 
 def _scaled(model: Fitted, scale: Scale) -> Fitted:

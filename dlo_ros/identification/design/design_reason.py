@@ -30,7 +30,8 @@ def reason(found: Outlook, weakest: Outlook, settings: Settings) -> str:
     shift = displacement(found.forecast, settings)  # (F, U)
     times = (found.forecast.stamps - found.forecast.stamps[0]) * 1e-9
     at = float(np.argmax(shift.mean(axis=0))) / (shift.shape[1] - 1) * length
-    when = float(times[int(np.argmax(shift.mean(axis=1)))])
+    course = shift.mean(axis=1)
+    when = float(times[int(np.argmax(course))])
     mean = rounded(1e3 * 0.01 * found.response * length)
     words = [f"1 % more E/mu moves the DLO by {mean} mm on average"]
     if weakest is not found and weakest.response > 0.0:
@@ -38,9 +39,8 @@ def reason(found: Outlook, weakest: Outlook, settings: Settings) -> str:
             f"{rounded(found.response / weakest.response)} times as far as in the experiment "
             f"'{weakest.plan.name}'"
         )
-    moving = float(shift.mean(axis=1).max()) > MUCH_LARGER * float(np.median(shift.mean(axis=1)))
-    place = f"most at u = {at:.2f} m" + (f" around {when:.1f} s" if moving else "")
-    words.append(place)
+    moving = float(course.max()) > MUCH_LARGER * float(np.median(course))
+    words.append(f"most at u = {at:.2f} m" + (f" around {when:.1f} s" if moving else ""))
     sentence = ", ".join(words)
     result = f"so it determines E/mu to {rounded(100.0 * found.std['specific_modulus'])} %"
     density = found.std["density"]

@@ -20,20 +20,20 @@ import numpy as np
 from dlo_ros.command import END, NANOSECONDS, START, Command
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import (
-    COMBINATIONS,
     logarithms,
     search_information,
+    stds,
     with_logarithms,
 )
 from dlo_ros.identification.force_scale import grip_wrenches
-from dlo_ros.identification.information import STRETCH_STIFFNESS, strain
+from dlo_ros.identification.information import model_shift
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.joint import field
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.inference.observation_operator import ALONG_STD
 from dlo_ros.inference.parallel import Threads
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.priors import DIAMETER_STD, joint_model
+from dlo_ros.inference.priors import joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.spectrum import spectrum
 from dlo_ros.inference.thresholds import STEEPEST
@@ -193,9 +193,10 @@ def outlook(
     """
     before = search_information(settings) if known is None else known
     recording = plan.manipulation()
-    shapes = forecast(recording, settings, spans=spans).predicted
-    view = scene(settings, imposed_names([recording]), [shapes[:, :, :3]])
-    forces = _force_information(plan, settings, spans)
+    loads = settings.wrench.force_std > 0.0
+    bare = forecast(recording, settings, spans=spans, loads=loads)
+    view = scene(settings, imposed_names([recording]), [bare.predicted[:, :, :3]])
+    forces = _force_information(plan, settings, bare)
 
     def informed_by(factor: float) -> tuple[Forecast, FloatArray] | None:
         theta = logarithms(settings)
@@ -214,31 +215,22 @@ def outlook(
     if nominal is None:
         raise SimulationError(f"{plan.name}: the manipulation cannot be simulated")
     found, expected_data = nominal
-    covariance = np.linalg.inv(before + expected_data)
-    std = {k: math.sqrt(max(float(c @ covariance @ c), 0.0)) for k, c in COMBINATIONS.items()}
-    # Rod theories differ by that much (see `information`), and shapes show E D^2 / mu.
-    theory = STRETCH_STIFFNESS * strain(settings)
-    thickness = 2.0 * (settings.rod.diameter_std / settings.rod.diameter or DIAMETER_STD)
-    for name in ("young_modulus", "specific_modulus"):
-        std[name] = math.hypot(std[name], theory, thickness)
+    shift = model_shift(settings, usual=True)
+    std = stds(np.linalg.inv(before + expected_data) + np.outer(shift, shift))
     response = mean_response(found, settings)
     return Outlook(plan, float(np.mean(gains)), std, response, expected_data, found)
 
 
-def _force_information(plan: Plan, settings: Settings, spans: int | None) -> FloatArray:
+def _force_information(plan: Plan, settings: Settings, found: Forecast) -> FloatArray:
     """Information (4, 4) on mu from a force sensor of known noise at one grip, where E/mu is known.
 
     The sensor is at the start, or at the end where the start is free, and sends one message with
     every picture.
+
+    Args:
+        found: forecast of the plan, with loads where there is a sensor.
     """
     result = np.zeros((len(MATERIAL), len(MATERIAL)))
-    if not settings.wrench.force_std > 0.0:
-        return result
-    recording = plan.manipulation()
-    try:
-        found = forecast(recording, settings, spans=spans, loads=True)
-    except SimulationError:
-        return result
     for end in (START, END):
         predicted = grip_wrenches(found.loadings, end)
         if predicted is None:

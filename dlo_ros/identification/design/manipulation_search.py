@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Generic, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq
 
 from dlo_ros.command import CONTROL_POINT, END, START, Command
@@ -67,13 +68,12 @@ class ManipulationCandidate:
 
     Args:
         kind: kind of manipulation, one of `KINDS`.
-        start, end: x, z [m] and direction [rad] of growing u at the held ends, positive from x
-            towards -z, at `MOMENTS` moments, shape (MOMENTS, 3).
+        poses: x, z [m] and direction [rad] of growing u at the start and at the end, positive from
+            x towards -z, at `MOMENTS` moments, shape (2, MOMENTS, 3).
     """
 
     kind: str
-    start: FloatArray
-    end: FloatArray
+    poses: FloatArray
 
 
 def draw(
@@ -81,9 +81,8 @@ def draw(
 ) -> ManipulationCandidate:
     """A candidate of a kind at random."""
     low, high = _ranges(workspace)
-    start = low + (high - low) * rng.random((MOMENTS, 3))
-    end = low + (high - low) * rng.random((MOMENTS, 3))
-    return possible(ManipulationCandidate(kind, start, end), workspace, length)
+    poses = low + (high - low) * rng.random((2, MOMENTS, 3))
+    return possible(ManipulationCandidate(kind, poses), workspace, length)
 
 
 def varied(
@@ -92,10 +91,8 @@ def varied(
 ) -> ManipulationCandidate:  # fmt: skip
     """A random variation of a candidate."""
     low, high = _ranges(workspace)
-    step = spread * (high - low)
-    start = candidate.start + step * rng.normal(size=candidate.start.shape)
-    end = candidate.end + step * rng.normal(size=candidate.end.shape)
-    return possible(ManipulationCandidate(candidate.kind, start, end), workspace, length)
+    step = spread * (high - low) * rng.normal(size=candidate.poses.shape)
+    return possible(replace(candidate, poses=candidate.poses + step), workspace, length)
 
 
 def _ranges(workspace: Workspace) -> tuple[FloatArray, FloatArray]:
@@ -109,25 +106,24 @@ def possible(
 ) -> ManipulationCandidate:
     """The nearest candidate within the bounds that is slow enough and within reach."""
     low, high = _ranges(workspace)
-    start, end = (np.clip(track, low, high) for track in (candidate.start, candidate.end))
+    poses = np.clip(candidate.poses, low, high)
     for k in range(MOMENTS):
         if k:
             a, b = MOVES[k - 1]
             time = (b - a) * workspace.duration / PEAK
-            for track in (start, end):
-                _slow(track, k, time, workspace)
+            poses[:, k] = poses[:, k - 1] + _slow(poses[:, k] - poses[:, k - 1], time, workspace)
         if candidate.kind != "free":
-            _apart(start[k], end[k], length)
-            end[k, :2] = np.clip(end[k, :2], low[:2], high[:2])
-    return ManipulationCandidate(candidate.kind, start, end)
+            start, end = poses[:, k]
+            _apart(start, end, length)
+            end[:2] = np.clip(end[:2], low[:2], high[:2])
+    return replace(candidate, poses=poses)
 
 
-def _slow(track: FloatArray, k: int, time: float, workspace: Workspace) -> None:
-    step = track[k] - track[k - 1]
-    far = float(np.hypot(step[0], step[1]))
-    step[:2] *= min(1.0, workspace.speed * time / max(far, 1e-12))
-    step[2] *= min(1.0, workspace.turn * time / max(abs(float(step[2])), 1e-12))
-    track[k] = track[k - 1] + step
+def _slow(steps: FloatArray, time: float, workspace: Workspace) -> FloatArray:
+    """Steps (2, 3) of both ends, no longer than their speeds allow within a time [s]."""
+    far = np.column_stack([np.hypot(steps[:, 0], steps[:, 1])] * 2 + [np.abs(steps[:, 2])])
+    most = time * np.array([workspace.speed, workspace.speed, workspace.turn])
+    return np.asarray(steps * np.minimum(1.0, most / np.maximum(far, 1e-12)))
 
 
 def _apart(start: FloatArray, end: FloatArray, length: float) -> None:
@@ -141,34 +137,33 @@ def _apart(start: FloatArray, end: FloatArray, length: float) -> None:
 
 def waypoints(track: FloatArray, duration: float) -> FloatArray:
     """Time, x, z, angle of a gentle motion through the places of an end, shape (m, 4)."""
-    rows = [np.array([0.0, *track[0]])]
+    rows = [np.array([[0.0, *track[0]]])]
     for (a, b), (here, there) in zip(MOVES, pairwise(track), strict=True):
-        rows.append(np.array([a * duration, *here]))
         count = max(int(np.ceil((b - a) * duration / SPACING)), 4)
-        for share in np.arange(1, count + 1) / count:
-            smooth = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-            time = (a + share * (b - a)) * duration
-            rows.append(np.array([time, *(here + smooth * (there - here))]))
-    return np.array(rows)
+        share = np.arange(count + 1) / count
+        smooth = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+        times = (a + share * (b - a)) * duration
+        rows.append(np.column_stack([times, here + smooth[:, None] * (there - here)]))
+    return np.concatenate(rows)
 
 
 def imposed(
     candidate: ManipulationCandidate, duration: float, control_points: int
 ) -> dict[str, FloatArray]:
     """`waypoints` of each name of dlo/command."""
-    result = {START: waypoints(candidate.start, duration)}
-    if candidate.kind == "tip":
-        result[f"{CONTROL_POINT}{control_points}"] = waypoints(candidate.end, duration)
-    elif candidate.kind == "clamps":
-        result[END] = waypoints(candidate.end, duration)
-    return result
+    start, end = (waypoints(track, duration) for track in candidate.poses)
+    if candidate.kind == "free":
+        return {START: start}
+    name = END if candidate.kind == "clamps" else f"{CONTROL_POINT}{control_points}"
+    return {START: start, name: end}
 
 
 def rough_shape(candidate: ManipulationCandidate, length: float) -> FloatArray:
     """A curve x, z [m] of about the DLO's length to settle from, shape (m, 2)."""
+    start, end = candidate.poses[:, 0]
     if candidate.kind == "free":
-        return _from_start(candidate.start[0], length)
-    return hanging(candidate.start[0, :2], candidate.end[0, :2], length)
+        return _from_start(start, length)
+    return hanging(start[:2], end[:2], length)
 
 
 def _from_start(pose: FloatArray, length: float) -> FloatArray:
@@ -176,9 +171,9 @@ def _from_start(pose: FloatArray, length: float) -> FloatArray:
     down = np.pi / 2 + 2.0 * np.pi * np.round((pose[2] - np.pi / 2) / (2.0 * np.pi))
     s = np.linspace(0.0, 1.0, 25)
     angle = pose[2] + 0.4 * s * (down - pose[2])
-    steps = np.column_stack([np.cos(angle), -np.sin(angle)])
-    steps = 0.5 * (steps[1:] + steps[:-1]) * (length / 24)
-    return np.asarray(pose[:2] + np.concatenate([[[0.0, 0.0]], np.cumsum(steps, axis=0)]))
+    along = np.column_stack([np.cos(angle), -np.sin(angle)])
+    way = cumulative_trapezoid(along, length * s, axis=0, initial=0.0)
+    return np.asarray(pose[:2] + way)
 
 
 def hanging(a: FloatArray, b: FloatArray, length: float) -> FloatArray:
@@ -273,21 +268,6 @@ class Judged(Protocol):
 Result = TypeVar("Result", bound=Judged)
 
 
-@dataclass(frozen=True)
-class Found(Generic[Result]):
-    """The best manipulation of a search.
-
-    Args:
-        candidate: numbers of the manipulation.
-        outlook: expected result of the manipulation.
-        tried: candidates that were simulated.
-    """
-
-    candidate: ManipulationCandidate
-    outlook: Result
-    tried: int
-
-
 def search(
     settings: Settings,
     workspace: Workspace,
@@ -297,8 +277,8 @@ def search(
     seed: int = 0,
     finalists: int = 1,
     progress: Callable[[float], None] = lambda share: None,
-) -> Found[Result]:
-    """The manipulation with the largest gain.
+) -> tuple[ManipulationCandidate, Result]:
+    """The manipulation with the largest gain, and its expected result.
 
     Args:
         settings: settings of the rod.
@@ -317,40 +297,32 @@ def search(
     length = settings.rod.length
     spans = 2 * SplineBasis(settings.rod.control_points, length).spans
     found: list[tuple[float, ManipulationCandidate]] = []
-    tried = 0
-
-    def attempt(candidate: ManipulationCandidate) -> None:
-        nonlocal tried
-        tried += 1
-        progress(tried / budget)
+    for tried in range(budget):
+        if tried < budget // 3 or not found:
+            candidate = draw(KINDS[tried % len(KINDS)], workspace, length, rng)
+        else:
+            found.sort(key=lambda pair: -pair[0])
+            parent = found[int(rng.integers(min(ELITE, len(found))))][1]
+            used = (tried - budget // 3) / max(budget - budget // 3, 1)
+            spread = FIRST_SPREAD * (LAST_SPREAD / FIRST_SPREAD) ** used
+            candidate = varied(parent, spread, workspace, length, rng)
+        progress((tried + 1) / budget)
         plan = replace(plan_of(candidate, "search", workspace, settings), rate=SEARCH_RATE)
         try:
             seen = judge(plan, spans)
         except (SimulationError, InputError):
-            return
+            continue
         if seen.reliable:
             found.append((seen.gain, candidate))
-
-    for k in range(budget // 3):
-        attempt(draw(KINDS[k % len(KINDS)], workspace, length, rng))
-    while tried < budget:
-        if not found:
-            attempt(draw(KINDS[tried % len(KINDS)], workspace, length, rng))
-            continue
-        found.sort(key=lambda pair: -pair[0])
-        parent = found[int(rng.integers(min(ELITE, len(found))))][1]
-        used = (tried - budget // 3) / max(budget - budget // 3, 1)
-        spread = FIRST_SPREAD * (LAST_SPREAD / FIRST_SPREAD) ** used
-        attempt(varied(parent, spread, workspace, length, rng))
-    final: list[Found[Result]] = []
+    final: list[tuple[ManipulationCandidate, Result]] = []
     for _, candidate in sorted(found, key=lambda pair: -pair[0]):
-        if sum(f.outlook.reliable for f in final) == finalists:
+        if sum(seen.reliable for _, seen in final) == finalists:
             break
         try:
             seen = judge(plan_of(candidate, "searched", workspace, settings), None)
         except (SimulationError, InputError):
             continue
-        final.append(Found(candidate, seen, tried))
+        final.append((candidate, seen))
     if not final:
         raise SimulationError("no manipulation within the workspace can be simulated")
-    return max(final, key=lambda f: (f.outlook.reliable, f.outlook.gain))
+    return max(final, key=lambda pair: (pair[1].reliable, pair[1].gain))

@@ -28,7 +28,7 @@ from dlo_ros.identification.design.expected_information import (
     recorded,
 )
 from dlo_ros.identification.design.plausible_explanations import Explanation
-from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
+from dlo_ros.inference.forecast import Forecast, forecast
 from dlo_ros.inference.joint import Simulated, compared, field
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import CorrelatedLoss
@@ -122,7 +122,9 @@ def discriminate(
     view = scene(plain, imposed_names([recording]), [bare.predicted[:, :, :3]])
 
     models = [_model(e, explanations, plain, view) for e in explanations]
-    found = Threads().map(lambda m: _forecast(recording, m, spans), models)
+    found = Threads().map(
+        lambda m: forecast(recording, m.settings, parameters=m.names, spans=spans), models
+    )
     seen = [replace(recorded(recording, f, settings), spans=spans) for f in found]
     pairs = list(permutations(range(len(models)), 2))
     fits = Threads().map(
@@ -139,11 +141,6 @@ def discriminate(
         plan, tuple(e.effect for e in explanations), evidence, found[pair[0]],
         fits[pairs.index(pair)][1], reliable,
     )  # fmt: skip
-
-
-def _forecast(recording: Manipulation, model: ParametricModel, spans: int | None) -> Forecast:
-    """Forecast with derivatives by all parameters of a model."""
-    return forecast(recording, model.settings, parameters=model.names, spans=spans)
 
 
 def _model(

@@ -12,12 +12,12 @@ import numpy as np
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST, NOISE_SHARE
 from dlo_ros.identification.material_model import material_model
-from dlo_ros.identification.offline.recording_noise import with_noise
 from dlo_ros.identification.offline.without_own_error import STEP_SHORTER, refined
+from dlo_ros.identification.residual_noise import with_noise
 from dlo_ros.inference.forecast import Manipulation, as_started, forecast
 from dlo_ros.inference.joint import Evaluation, Simulated, evaluate, simulate
 from dlo_ros.inference.joint_fit import fit
-from dlo_ros.inference.losses import WHITE_CONVERGED, WhiteLoss
+from dlo_ros.inference.losses import WhiteLoss
 from dlo_ros.inference.measured import Recording, measured, without_gross
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import IMMATERIAL, MUCH_LARGER
@@ -115,13 +115,8 @@ def fitted(model: ParametricModel, recordings: Sequence[Recording]) -> Evaluatio
     Raises:
         SimulationError: the model with which it begins cannot be simulated.
     """
-    loss = _white(recordings, TO_THE_END)
+    loss = WhiteLoss([r.noise for r in recordings], TO_THE_END)
     return fit(evaluate(model, recordings), recordings, ITERATIONS, loss=loss)
-
-
-def _white(recordings: Sequence[Recording], converged: float = WHITE_CONVERGED) -> WhiteLoss:
-    """The loss of least squares in units of each coefficient's noise."""
-    return WhiteLoss([r.noise for r in recordings], converged)
 
 
 def finer(
@@ -183,23 +178,19 @@ def _best_start(coarse: tuple[Recording, ...], model: ParametricModel) -> Simula
     A fit begins from each factor of E whose neighbours are farther from the shapes: from those it
     would lead into the same minimum. None begins where far more is left than from the best.
     """
-    begun: list[Simulated | None] = []
+    begun: dict[int, Simulated] = {}
     failure: SimulationError | None = None
-    theta = model.theta()
-    for factor in FACTORS:
-        shifted = theta.copy()
-        shifted[0] += np.log(factor)
+    for k, factor in enumerate(FACTORS):
+        shifted = model.theta() + np.log(factor) * model.axis("young_modulus")
         try:
-            begun.append(simulate(model.at(shifted), coarse, ()))
+            begun[k] = simulate(model.at(shifted), coarse, ())
         except SimulationError as err:
             failure = err
-            begun.append(None)
-    errs = np.array([np.inf, *(np.inf if at is None else at.mean_err for at in begun), np.inf])
-    least = (errs[1:-1] <= errs[:-2]) & (errs[1:-1] <= errs[2:])
-    valleys = [at for at, is_least in zip(begun, least, strict=True) if is_least and at is not None]
-    if not valleys:
+    if not begun:
         raise failure or SimulationError("no starting value can be simulated")
-    valleys.sort(key=lambda at: at.mean_err)
+    errs = {k: at.mean_err for k, at in begun.items()}
+    least = [k for k in begun if errs[k] <= min(errs.get(n, np.inf) for n in (k - 1, k + 1))]
+    valleys = [begun[k] for k in sorted(least, key=errs.__getitem__)]
     best = valleys[0]
     for at in valleys[:VALLEYS]:
         if at.mean_err > MUCH_LARGER * valleys[0].mean_err:
@@ -233,12 +224,13 @@ def _coarse(recordings: Sequence[Recording], settings: Settings) -> tuple[Record
 def _fitted_to_most(at: Simulated, recordings: Sequence[Recording]) -> Simulated | None:
     """A model fitted to the recordings with most of its error, simulated in all; or None."""
     shorter = [
-        r.until(_long_enough(left, len(recordings)) + len(r.times) - len(left))
+        _shortened(r, left, len(recordings))
         for r, left in zip(recordings, whitened(at, recordings), strict=True)
     ]
+    loss = WhiteLoss([r.noise for r in shorter])
     try:
         begun = evaluate(at.model, shorter)
-        found = fit(begun, shorter, VALLEY_ITERATIONS, loss=_white(shorter), draft=True)
+        found = fit(begun, shorter, VALLEY_ITERATIONS, loss=loss, draft=True)
         return simulate(found.model, recordings, ())
     except SimulationError:
         return None
@@ -348,12 +340,18 @@ def drafts(recordings: Sequence[Recording], at: Simulated) -> tuple[Recording, .
                 break
         else:
             draft = recording
-        result.append(draft.until(_long_enough(r, len(recordings)) + len(recording.times) - len(r)))
+        result.append(_shortened(draft, r, len(recordings)))
     return tuple(result)
 
 
-def _long_enough(residual: FloatArray, recordings: int) -> int:
-    """Number of frames from the first in which most of the model's error has shown itself."""
-    shown = np.cumsum(np.sum(residual**2, axis=1))
-    most = max(LEAST_FRAMES, DRAFT_FRAMES // recordings)
-    return max(most, int(np.searchsorted(shown, SHOWN * shown[-1])) + 1)
+def _shortened(recording: Recording, left: FloatArray, recordings: int) -> Recording:
+    """A recording until most of the model's error has shown itself.
+
+    Args:
+        left: what the model leaves of its last F frames, shape (F, K).
+        recordings: number of recordings.
+    """
+    shown = np.cumsum(np.sum(left**2, axis=1))
+    enough = int(np.searchsorted(shown, SHOWN * shown[-1])) + 1
+    frames = max(LEAST_FRAMES, DRAFT_FRAMES // recordings, enough)
+    return recording.until(frames + len(recording.times) - len(left))

@@ -64,8 +64,7 @@ def sample(
     found: MaterialFit,
     forces: ForceInformation | None = None,
     *,
-    count: int = 400,
-    seed: int = 0,
+    count: int,
     pool: Pool | None = None,
     done: Callable[[float], None] = lambda share: None,
 ) -> Sample:
@@ -79,7 +78,6 @@ def sample(
         found: the fit.
         forces: information of measured forces, which the fit contains.
         count: number of samples.
-        seed: seed of the random numbers.
         pool: pool in which simulations run.
         done: function that is called with the fraction that is done.
 
@@ -89,7 +87,7 @@ def sample(
     guess, prior = logarithms(settings), search_information(settings)
     usable = np.isfinite(guess)
     covariance = np.linalg.inv(found.information + prior)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     steps = rng.multivariate_normal(np.zeros(4), PROPOSAL_SCALE**2 * covariance, size=count)
     steps[0] = 0.0
     theta = np.where(usable, found.theta + steps, guess)
@@ -112,16 +110,13 @@ def sample(
     off_data = np.zeros((count, len(MATERIAL)))
     off_data[:, place] = gradient @ np.linalg.pinv(hessian, rcond=1e-9, hermitian=True)
     off_prior = np.where(usable, theta - guess, 0.0)
-    shapes = found.information
-    off_force = np.zeros(count)
+    shapes, misfit = found.information, _squares(off_prior, prior)
     if forces is not None:
         shapes = shapes - forces.information
         off = np.where(usable, theta - found.theta, 0.0)
-        off_force = np.einsum("kp,pq,kq->k", off, forces.information, off)
-        off_force -= 2.0 * off @ forces.gradient
-    misfit = off_force + np.einsum("kp,pq,kq->k", off_data, shapes, off_data)
-    misfit = misfit + np.einsum("kp,pq,kq->k", off_prior, prior, off_prior)
-    proposed = np.einsum("kp,pq,kq->k", steps, found.information + prior, steps) / PROPOSAL_SCALE**2
+        misfit += _squares(off, forces.information) - 2.0 * off @ forces.gradient
+    misfit += _squares(off_data, shapes)
+    proposed = _squares(steps, found.information + prior) / PROPOSAL_SCALE**2
     logs = np.where(np.isfinite(misfit), -0.5 * misfit + 0.5 * proposed, -np.inf)
     if not np.isfinite(logs).any():
         raise SimulationError("no sample of the posterior can be simulated")
@@ -129,9 +124,12 @@ def sample(
     return Sample(theta, weight / weight.sum())
 
 
-def _gradients(
-    task: tuple[Recording, list[Settings], FloatArray, FloatArray],
-) -> FloatArray:
+def _squares(rows: FloatArray, information: FloatArray) -> FloatArray:
+    """Squared lengths of rows (N, 4) in units of what information (4, 4) leaves, shape (N,)."""
+    return np.asarray(np.einsum("kp,pq,kq->k", rows, information, rows))
+
+
+def _gradients(task: tuple[Recording, list[Settings], FloatArray, FloatArray]) -> FloatArray:
     """Gradients with the derivatives (F, P, K) and weights (B,) of the optimum, shape (S, P).
 
     They are NaN where the simulation fails.
@@ -150,8 +148,7 @@ def _gradients(
 def bootstrap(
     found: MaterialFit,
     *,
-    count: int = 50,
-    seed: int = 0,
+    count: int,
     pool: Pool | None = None,
     before: dict[int, FloatArray] | None = None,
     done: Callable[[int, FloatArray | None], None] = lambda number, theta: None,
@@ -161,7 +158,6 @@ def bootstrap(
     Args:
         found: the fit, from which each starts.
         count: number of draws.
-        seed: seed of the draws; the same seed draws the same recordings.
         pool: pool in which the fits run.
         before: earlier results by number, from a run that was interrupted.
         done: function that is called with the number of a draw and its result.
@@ -175,7 +171,8 @@ def bootstrap(
     recordings = found.recordings
     if len(recordings) < 2:
         raise InputError("a bootstrap over recordings needs at least two of them")
-    draws = np.random.default_rng(seed).integers(len(recordings), size=(count, len(recordings)))
+    # The same draws every time, so that an interrupted run can go on.
+    draws = np.random.default_rng(0).integers(len(recordings), size=(count, len(recordings)))
     known = before or {}
     missing = [k for k in range(count) if k not in known]
     own = tuple(p for p in found.at.model.parameters if not p.effect)

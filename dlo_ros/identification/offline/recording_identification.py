@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,20 +36,26 @@ class RecordingResult:
     Args:
         name: name of the recording.
         role: `train` or `validate`.
-        err, err_initial: time mean of eq. (10) with the estimate and with the initial guess [m];
+        forecast, before: forecasts of the recording with the estimate and with the initial guess;
             None where the simulation failed.
-        forecast: forecast of the recording with the estimate.
         noise_floor: the err that a perfect model would have [m], None where unknown.
-        before: forecast with the initial guess.
     """
 
     name: str
     role: str
-    err: float | None
-    err_initial: float | None
     forecast: Forecast | None
+    before: Forecast | None
     noise_floor: float | None
-    before: Forecast | None = None
+
+    @property
+    def err(self) -> float | None:
+        """Time mean of eq. (10) with the estimate [m]."""
+        return None if self.forecast is None else float(self.forecast.err.mean())
+
+    @property
+    def err_initial(self) -> float | None:
+        """Time mean of eq. (10) with the initial guess [m]."""
+        return None if self.before is None else float(self.before.err.mean())
 
 
 @dataclass(frozen=True)
@@ -59,21 +65,21 @@ class Identification:
     Args:
         estimate: estimate of the parameters.
         recordings: agreement of each recording with the model, `train` before `validate`.
-        noise_floor: the err that a perfect model would have [m], None where unknown.
-        converged: whether the fit has converged.
-        fitted: the fit itself; None where a result was put together otherwise.
+        fitted: the fit itself.
         forces: information of measured forces, which the estimate contains; None: there are none.
-        set_up: estimated numbers of the set-up with standard deviations; empty where the data
-            support an exact set-up.
     """
 
     estimate: Estimate
     recordings: tuple[RecordingResult, ...]
-    noise_floor: float | None
-    converged: bool
-    fitted: MaterialFit | None = None
+    fitted: MaterialFit
     forces: ForceInformation | None = None
-    set_up: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def noise_floor(self) -> float | None:
+        """The err that a perfect model would have [m], None where unknown."""
+        own = (r.noise_floor for r in self.recordings if r.role == "train")
+        floors = [floor for floor in own if floor is not None]
+        return float(np.mean(floors)) if floors else None
 
 
 def identify(
@@ -123,40 +129,18 @@ def identify(
             here, spans = estimate.settings, None
             if role == "train":
                 here, spans = as_fine(here, found.recordings[k]), found.recordings[k].spans
-            with_estimate = _attempt(recording, here, spans)
-            before = _attempt(recording, given)
-            results.append(
-                RecordingResult(
-                    recording.name,
-                    role,
-                    float(with_estimate.err.mean()) if with_estimate else None,
-                    float(before.err.mean()) if before else None,
-                    with_estimate,
-                    noise_floor(recording.observations, basis),
-                    before,
-                )
-            )
-    floors = [r.noise_floor for r in results if r.role == "train" and r.noise_floor is not None]
-    return Identification(
-        estimate,
-        tuple(results),
-        float(np.mean(floors)) if floors else None,
-        found.converged,
-        found,
-        forces,
-        found.set_up,
-    )
+            after, before = _attempt(recording, here, spans), _attempt(recording, given)
+            floor = noise_floor(recording.observations, basis)
+            results.append(RecordingResult(recording.name, role, after, before, floor))
+    return Identification(estimate, tuple(results), found, forces)
 
 
 def _with_forces(
     train: Sequence[Manipulation], found: MaterialFit, given: Settings, pool: Pool | None
 ) -> tuple[MaterialFit, ForceInformation | None]:
     """The fit with the forces that were measured at the grips, and their information."""
-    spans = [r.spans for r in found.recordings]
     try:
-        forces = information_with_forces(
-            train, found.settings, found.theta, found.information, given, spans, found.set_up, pool
-        )
+        forces = information_with_forces(train, found, given, pool)
         if forces is None:
             return found, None
         model = replace(found.at.model, settings=with_logarithms(found.settings, forces.theta))

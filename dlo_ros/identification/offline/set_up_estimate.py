@@ -19,14 +19,14 @@ from scipy.special import expit
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import logarithms
-from dlo_ros.identification.information import determined_directions, model_shifts, widened
+from dlo_ros.identification.information import determined_directions, model_shift, widened
 from dlo_ros.identification.offline.initial_fit import Beginning, finer
 from dlo_ros.identification.offline.without_own_error import without_own_error
 from dlo_ros.inference.joint import Evaluation, evaluate, restricted
 from dlo_ros.inference.joint_fit import ITERATIONS, best_settled, expected_gain, fit
 from dlo_ros.inference.losses import CORRELATED, TO_REPORT
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.priors import DIAMETER_STD, joint_model
+from dlo_ros.inference.priors import joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.thresholds import NAMED
 from dlo_ros.inference.variances import posterior, widened_covariance
@@ -150,13 +150,8 @@ def _reported(
 
 def _information(at: Evaluation) -> FloatArray:
     """Information of the data on the material, with possible errors of theory and diameter."""
-    settings, information = at.model.settings, marginal_information(at)
-    shifts = model_shifts(settings, len(MATERIAL))
-    if any(p.effect for p in at.model.parameters) and not settings.rod.diameter_std:
-        shifts.append(2.0 * DIAMETER_STD * np.eye(len(MATERIAL))[MATERIAL.index("young_modulus")])
-    for shift in shifts:
-        information = widened(information, shift)
-    return information
+    by_eye = any(p.effect for p in at.model.parameters)
+    return widened(marginal_information(at), model_shift(at.model.settings, usual=by_eye))
 
 
 def marginal_information(at: Evaluation) -> FloatArray:

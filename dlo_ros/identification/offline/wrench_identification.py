@@ -11,10 +11,12 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
 from dlo_ros.errors import SimulationError
+from dlo_ros.identification.cooperative_tasks import exhausted
 from dlo_ros.identification.estimate import (
     known_information,
     logarithms,
@@ -28,25 +30,21 @@ from dlo_ros.identification.force_scale import (
     grip_wrenches,
     scale_of,
 )
-from dlo_ros.identification.information import widened
+from dlo_ros.identification.information import diameter_error, widened
+from dlo_ros.identification.offline.set_up_estimate import MaterialFit
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.inference.parameter import value_of, with_value
-from dlo_ros.inference.priors import DIAMETER_STD
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
-DIRECTIONS = {
-    "young_modulus": (np.array([1.0, 0.0, 0.0, 0.0]), 0.05),
-    "air_drag": (np.array([0.0, 0.0, 1.0, 0.0]), 0.2),
-    "relaxation_time": (np.array([0.0, 0.0, 0.0, 1.0]), 0.2),
-}
-"""Logarithms that are moved to either side for a difference, and by how much."""
-TOGETHER = (np.array([1.0, 1.0, 1.0, 0.0]), 0.1)
-"""The common scale of all forces."""
+DIRECTIONS = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0], [1.0, 1.0, 1.0, 0]])
+STEPS = (0.05, 0.2, 0.2, 0.1)
+"""What is moved to either side for a difference, and by how much: the logarithms of E, c and t_r,
+each of which moves one of `RATIOS`, and the common scale of all forces."""
 GUESS_WEIGHT = 0.01
 """Weight of what was only guessed, where forces were measured."""
 MU = MATERIAL.index("density")
@@ -76,59 +74,53 @@ class ForceInformation:
 
 
 def information_with_forces(
-    train: Sequence[Manipulation],
-    settings: Settings,
-    theta: FloatArray,
-    shapes: FloatArray,
-    given: Settings,
-    spans: Sequence[int | None],
-    set_up: Mapping[str, tuple[float, float]],
-    pool: Pool | None = None,
+    train: Sequence[Manipulation], found: MaterialFit, given: Settings, pool: Pool | None = None
 ) -> ForceInformation | None:
     """The estimate with measured forces; None where there are none.
 
     Args:
         train: recordings.
-        settings: settings of the fit to shapes, set-up included.
-        theta: ln (E, mu, c, t_r) of that fit.
-        shapes: information of that fit, shape (4, 4).
+        found: fit to their shapes.
         given: the parameter file.
-        spans: knot spans of each recording's simulation.
-        set_up: numbers of the set-up with the standard deviations that shapes leave.
         pool: pool in which simulations run.
 
     Raises:
         SimulationError: a recording cannot be simulated.
     """
+    spans = (recording.spans for recording in found.recordings)
     pairs = [(r, s) for r, s in zip(train, spans, strict=True) if r.wrenches]
     if not pairs:
         return None
     # Shapes and forces alike determine E D^4 and mu D^2: the error of D is added at the end.
-    diameter = given.rod.diameter_std / given.rod.diameter or (DIAMETER_STD if set_up else 0.0)
-    stated, shapes = shapes, _exact_diameter(shapes, diameter)
+    diameter = diameter_error(given.rod, usual=bool(found.set_up))
+    shapes = _exact_diameter(found.information, diameter)
     known = known_information(given, weighed=True)
     hardly = GUESS_WEIGHT * search_information(given)
     spread = np.asarray(np.linalg.inv(shapes + known + hardly), dtype=np.float64)
     # E/mu, c/mu and t_r are left to the shapes: the effect of a small error of the set-up on
     # torques would else be attributed to E/mu, which shapes determine better.
     ratios = np.linalg.cholesky(RATIOS @ spread @ RATIOS.T)
-    borne = _borne_along(pairs, settings, set_up, ratios, pool or Threads())
+    borne = _borne_along(pairs, found, ratios, pool or Threads())
     precision = 1.0 / float(spread[MU, MU])
     # The weight is that of the parameter file, since priors must not follow the fit.
-    sensed = settings.with_material(settings.rod.young_modulus, given.rod.density)
-    found = scale_of(borne, sensed, known=precision)
-    if found is None:
+    sensed = found.settings.with_material(found.settings.rod.young_modulus, given.rod.density)
+    scale = exhausted(scale_of(borne, sensed, known=precision))
+    if scale is None:
         LOG.warning("no measured force lies near an observed shape at a grip; none is used")
         return None
-    own = np.eye(len(theta))[MU]
-    whole = shapes + max(found.information, 0.0) * np.outer(own, own)
+    own = np.eye(len(MATERIAL))[MU]
+    whole = shapes + max(scale.information, 0.0) * np.outer(own, own)
     whole = widened(whole, diameter * np.array([4.0, 2.0, 0.0, 0.0]))
-    everything, change, mean = (float(np.hypot(s, 2.0 * diameter)) for s in found.std)
-    known_by = replace(found, std=(everything, change, mean))
-    step = np.where(np.isfinite(theta), spread[:, MU] * precision * found.log, 0.0)
+    everything, change, mean = (float(np.hypot(s, 2.0 * diameter)) for s in scale.std)
+    known_by = replace(scale, std=(everything, change, mean))
+    step = np.where(np.isfinite(found.theta), spread[:, MU] * precision * scale.log, 0.0)
     messages = sum(len(w.stamps) for r, _ in pairs for w in r.wrenches)
     return ForceInformation(
-        theta + step, whole - stated, precision * found.log * own, known_by, messages
+        found.theta + step,
+        whole - found.information,
+        precision * scale.log * own,
+        known_by,
+        messages,
     )
 
 
@@ -140,34 +132,32 @@ def _exact_diameter(shapes: FloatArray, diameter: float) -> FloatArray:
 
 
 def _borne_along(
-    pairs: Sequence[tuple[Manipulation, int | None]], at: Settings,
-    set_up: Mapping[str, tuple[float, float]], ratios: FloatArray, pool: Pool,
-) -> list[GripForces]:  # fmt: skip
+    pairs: Sequence[tuple[Manipulation, int | None]],
+    found: MaterialFit,
+    ratios: FloatArray,
+    pool: Pool,
+) -> list[GripForces]:
     """Measured and predicted forces of all recordings, with what may be wrong with these.
 
     Args:
         ratios: root of the covariance of `RATIOS`, shape (3, 3).
     """
-    sets = _around(at, set_up)
+    sets = _around(found.settings, found.set_up)
     tasks = [(recording, one, spans) for recording, spans in pairs for one in sets]
-    forecasts = pool.map(_forecast, tasks)
+    forecasts = iter(pool.map(_forecast, tasks))
     result = []
-    for k, (recording, _) in enumerate(pairs):
-        group = forecasts[k * len(sets) : (k + 1) * len(sets)]
-        here = group[0]
+    for recording, _ in pairs:
+        here, *others = islice(forecasts, len(sets))
         if here is None:
             raise SimulationError(f"{recording.name}: cannot be simulated with its forces")
-        stamps = [int(s) for s in here.stamps]
-        borne = borne_along(
-            recording.name, here.loadings, stamps, recording.wrenches, recording.commands
-        )
+        borne = borne_along(recording, here.loadings, here.stamps)
         held = {b.measured.end for b in borne}
         for end in sorted({w.end for w in recording.wrenches} - held):
             LOG.warning(
                 "%s: no command holds the %s of the DLO; forces there are not used",
                 recording.name, end,
             )  # fmt: skip
-        result += [_with_differences(b, group, at, len(set_up), ratios) for b in borne]
+        result += [_with_differences(b, others, ratios) for b in borne]
     return result
 
 
@@ -175,18 +165,11 @@ def _around(at: Settings, set_up: Mapping[str, tuple[float, float]]) -> list[Set
     """The settings, then for each direction those above and below, then one for each number."""
     theta = logarithms(at)
     result = [at]
-    for direction, size in _directions(at):
-        result += [with_logarithms(at, theta + s * size * direction) for s in (1.0, -1.0)]
+    for direction, step in zip(DIRECTIONS, STEPS, strict=True):
+        result += [with_logarithms(at, theta + s * step * direction) for s in (1.0, -1.0)]
     for name, (_, std) in set_up.items():
         result.append(with_value(at, name, value_of(at, name) + std))
     return result
-
-
-def _directions(at: Settings) -> list[tuple[FloatArray, float]]:
-    """Directions of the logarithms that are moved."""
-    theta = logarithms(at)
-    own = [d for d in DIRECTIONS.values() if np.isfinite(theta[d[0] > 0.0]).all()]
-    return [*own, TOGETHER]
 
 
 def _forecast(task: tuple[Manipulation, Settings, int | None]) -> Forecast | None:
@@ -198,27 +181,24 @@ def _forecast(task: tuple[Manipulation, Settings, int | None]) -> Forecast | Non
         return None
 
 
-def _wrench(found: Forecast | None, end: str) -> FloatArray | None:
-    """Force and torque of the grip at an end, shape (F, 6); None where it holds nothing."""
-    return None if found is None else grip_wrenches(found.loadings, end)
-
-
 def _with_differences(
-    borne: GripForces, group: Sequence[Forecast | None], at: Settings, numbers: int,
-    ratios: FloatArray,
-) -> GripForces:  # fmt: skip
-    """Forces with their derivative by the scale, and what ratios and the set-up may change."""
+    borne: GripForces, others: Sequence[Forecast | None], ratios: FloatArray
+) -> GripForces:
+    """Forces with their derivative by the scale, and what ratios and the set-up may change.
+
+    Args:
+        others: forecasts with the settings of `_around` but the first.
+        ratios: see `_borne_along`.
+    """
     end = borne.measured.end
-    slope, moves = None, np.zeros((*borne.predicted.shape, len(RATIOS)))
-    for k, (direction, size) in enumerate(_directions(at)):
-        above, below = (_wrench(group[1 + 2 * k + s], end) for s in (0, 1))
+    wrenches = [grip_wrenches(found.loadings if found else (), end) for found in others]
+    differences = []
+    for k, step in enumerate(STEPS):
+        above, below = wrenches[2 * k : 2 * k + 2]
         if above is None or below is None:
             raise SimulationError("a neighbouring set of parameters cannot be simulated")
-        difference = (above - below) / (2.0 * size)
-        if direction is TOGETHER[0]:
-            slope = difference
-        else:
-            moves[:, :, int(np.argmax(RATIOS @ direction))] = difference
-    moved = [_wrench(found, end) for found in group[len(group) - numbers :]] if numbers else []
-    set_up = [m - borne.predicted for m in moved if m is not None]
-    return replace(borne, slope=slope, columns=(*np.moveaxis(moves @ ratios, 2, 0), *set_up))
+        differences.append((above - below) / (2.0 * step))
+    *moves, slope = differences
+    moved = np.moveaxis(np.stack(moves, axis=2) @ ratios, 2, 0)
+    set_up = [m - borne.predicted for m in wrenches[2 * len(STEPS) :] if m is not None]
+    return replace(borne, slope=slope, columns=(*moved, *set_up))

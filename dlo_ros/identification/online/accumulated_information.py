@@ -10,7 +10,7 @@ import numpy as np
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces
-from dlo_ros.identification.information import NormalEquations, discrepancy, model_shifts
+from dlo_ros.identification.information import NormalEquations, discrepancy, model_shift
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
 from dlo_ros.inference.joint import BOUNDLESS
 from dlo_ros.inference.spectrum import Spectrum
@@ -65,7 +65,7 @@ class AccumulatedInformation:
         own = discrepancy(run.error, settings)
         whole = replace(variances, lasting=variances.lasting + own**2)
         self._variances, found = variances, NormalEquations.of(bins, whole)
-        correlated = found.information(model_shifts(settings, 4))
+        correlated = found.information(model_shift(settings))
         white = run.at.normal[0, 0] * run.at.scale(prior.step(run.at))
         if correlated[0, 0] > 0.0:
             prior.autocorrelation_time = max(1.0, float(white / correlated[0, 0]))
@@ -94,21 +94,22 @@ class AccumulatedInformation:
 
 
 def fitted_variances(
-    bins: Spectrum, offset: FloatArray, precision: FloatArray, length: float,
-    start: Sequence[Variances] | None = None,
-) -> Pieces[tuple[tuple[Variances, ...], Posterior]]:  # fmt: skip
+    bins: Spectrum, offset: FloatArray, precision: FloatArray, length: float
+) -> Pieces[tuple[tuple[Variances, ...], Posterior]]:
     """Variances that maximise the marginal likelihood, some iterations at a time.
 
     Args:
-        offset, precision, length, start: see `fit_variances`.
+        offset, precision, length: see `fit_variances`.
 
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
+    variances = None
     for _ in range(ROUNDS):
         yield LONG
-        start, found = _fitted(bins, offset, precision, length, start)
-    return tuple(start or ()), found
+        variances, found = _fitted(bins, offset, precision, length, variances)
+    assert variances is not None
+    return variances, found
 
 
 def _fitted(

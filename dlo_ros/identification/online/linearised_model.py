@@ -31,18 +31,16 @@ class Linearised:
 
     Args:
         theta: ln (E, mu, c, t_r).
-        numbers: residual numbers of an observation that can differ from zero.
         normal, gradient: J^T J (4, 4) [m^2] and J^T r (4,) of all observations so far.
         sum_of_squares: sum of squared residuals [m^2].
-        used: number of observations.
+        count: number of residuals, two for each control point as of a DLO in the plane.
     """
 
     theta: FloatArray
-    numbers: int
     normal: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
     gradient: FloatArray = field(default_factory=lambda: np.zeros(4))
     sum_of_squares: float = 0.0
-    used: int = 0
+    count: int = 0
 
     def add(self, residual: FloatArray, derivative: FloatArray) -> None:
         """Take in an observation: residual (n, 3) [m], derivative (4, n, 3)."""
@@ -50,7 +48,7 @@ class Linearised:
         self.normal += j @ j.T
         self.gradient += j @ residual.ravel()
         self.sum_of_squares += float(np.sum(residual**2))
-        self.used += 1
+        self.count += 2 * len(residual)
 
     def left(self, step: FloatArray) -> float:
         """Sum of squared residuals after a step from theta, as the linear model has it [m^2]."""
@@ -59,9 +57,7 @@ class Linearised:
 
     def scale(self, step: FloatArray) -> float:
         """Information per squared metre of residual after a step, correlation left aside."""
-        count = self.numbers * self.used
-        variance = max(self.left(step) / max(count - 2, 1), SMALLEST_STD**2)
-        return 1.0 / variance
+        return 1.0 / max(self.left(step) / max(self.count - 2, 1), SMALLEST_STD**2)
 
 
 @dataclass(frozen=True)
@@ -69,27 +65,19 @@ class JudgedResolution:
     """A resolution of the simulation, and for what it was found.
 
     Args:
+        settings: settings for which it was found.
         spans: knot spans.
         error: error of the shape, over L.
-        ratio: E/mu [m^2/s^2].
-        tolerance: error that was asked for, over L.
     """
 
+    settings: Settings
     spans: int
     error: float
-    ratio: float
-    tolerance: float
-
-    @classmethod
-    def of(cls, settings: Settings, spans: int, error: float) -> JudgedResolution:
-        """The resolution that was found for some settings."""
-        ratio, tolerance = settings.rod.specific_modulus, settings.simulation.tolerance
-        return cls(spans, error, ratio, tolerance)
 
     def holds(self, settings: Settings) -> bool:
         """Whether it was found for about this E/mu and for no coarser tolerance."""
-        ratio = settings.rod.specific_modulus / self.ratio
-        finer = self.tolerance / settings.simulation.tolerance
+        ratio = settings.rod.specific_modulus / self.settings.rod.specific_modulus
+        finer = self.settings.simulation.tolerance / settings.simulation.tolerance
         return max(ratio, 1.0 / ratio, finer) < RECHECK_RATIO
 
 
@@ -116,19 +104,23 @@ class PriorInformation:
     forces: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
     force_centre: FloatArray = field(default_factory=lambda: np.zeros(4))
 
+    def _beyond(self, theta: FloatArray, centre: FloatArray) -> FloatArray:
+        """Differences of logarithms, zero where a damping of zero has none, shape (4,)."""
+        return np.where(np.isfinite(self.guess), theta - centre, 0.0)
+
     def step(self, at: Linearised) -> FloatArray:
         """From where a problem is linearised towards its minimum, not too far at once, (4,)."""
-        usable = np.isfinite(self.guess)
-        off = np.where(usable, at.theta - self.guess, 0.0)
-        old = np.where(usable, at.theta - self.centre, 0.0)
-        force_centre = np.where(usable, at.theta - self.force_centre, 0.0)
+        off, old, beside = (
+            self._beyond(at.theta, centre)
+            for centre in (self.guess, self.centre, self.force_centre)
+        )
         step = np.zeros(4)
         for _ in range(2):  # how noisy the residuals are is known better after the first step
             scale = self.scale(at, step)
             lhs = scale * at.normal + self.prior + self.summary + self.forces
-            rhs = scale * at.gradient - self.prior @ off - self.forces @ force_centre
+            rhs = scale * at.gradient - self.prior @ off - self.forces @ beside
             rhs += self.pull - self.summary @ old
-            step = np.where(usable, np.linalg.solve(lhs, rhs), 0.0)
+            step = np.where(np.isfinite(self.guess), np.linalg.solve(lhs, rhs), 0.0)
         return np.asarray(step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300)))
 
     def scale(self, at: Linearised, step: FloatArray) -> float:
@@ -143,9 +135,7 @@ class PriorInformation:
             theta: the estimate, about which the summary is from now on, shape (4,).
             share: fraction of the older summary that is kept.
         """
-        usable = np.isfinite(self.guess)
-        step = np.where(usable, theta - at.theta, 0.0)
-        old = np.where(usable, theta - self.centre, 0.0)
+        step, old = self._beyond(theta, at.theta), self._beyond(theta, self.centre)
         scale = self.scale(at, step)
         self.pull = share * (self.pull - self.summary @ old)
         self.pull = self.pull + scale * (at.gradient - at.normal @ step)

@@ -34,7 +34,7 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
     within_noise,
 )
-from dlo_ros.identification.information import model_shifts
+from dlo_ros.identification.information import model_shift
 from dlo_ros.identification.online.accumulated_information import (
     AUTOCORRELATION_EVERY,
     FORGETTING,
@@ -90,7 +90,6 @@ class OnlineEstimator:
         clock: Callable[[], float] = time.thread_time,
     ) -> None:
         self._initial = searchable(settings)
-        self._numbers = 2 * settings.rod.control_points
         self._motion = Motion()
         self._worker = Worker(budget, clock)
         self._set_up_worker = Worker(budget, clock)
@@ -198,13 +197,13 @@ class OnlineEstimator:
         """All that is due, piece by piece."""
         if self._run is None:
             if len(self._past.observations) > (self._initial.simulation.start == "moving"):
-                self._adopt((yield from self._again(self._current())))
+                yield from self._adopt(logarithms(self._estimate.settings))
                 if self._run is None:
                     self._past.forget()
             return
         if self._stale:
             self._stale = False
-            self._adopt((yield from self._again(self._current())))
+            yield from self._adopt(logarithms(self._estimate.settings))
         if self._run.used < BEGINNING:
             return
         elapsed = self._past.elapsed
@@ -214,25 +213,18 @@ class OnlineEstimator:
             past = self.window()
             if past is not None:
                 rival = yield from best_rival(past, self._run, self._initial)
-        yield from self._measure_information()
-        yield from self._relinearise(rival)
+        yield from self._information.measure(self._run, self._prior)
+        if rival is not None:
+            yield from self._adopt(rival)
+            yield from self._information.measure(self._run, self._prior)
+        yield from self._relinearise()
         if elapsed >= SETTLED:
             yield from self._judge_resolution()
-        run = self._run
-        settings, spans = run.simulation.settings, run.simulation.basis.spans
-        yield from self.forces.weigh(
-            run, tuple(self._past.observations), self._motion.commands, self._prior,
-            lambda: self._past.started(settings, spans, loads=True),
-        )  # fmt: skip
+        yield from self.forces.weigh(self._run, self._past, self._prior)
 
-    def _current(self) -> FloatArray:
-        theta = logarithms(self._estimate.settings)
-        return np.where(np.isfinite(self._guess), theta, self._guess)
-
-    def _adopt(self, run: Run | None) -> None:
-        """Take over a run that has caught up, where there is one."""
-        if run is not None:
-            self._run = run
+    def _adopt(self, theta: FloatArray) -> Pieces[None]:
+        """Take over a run with given parameters, where the past can be simulated with them."""
+        self._run = (yield from self._again(theta)) or self._run
 
     def _again(self, theta: FloatArray) -> Pieces[Run | None]:
         """Simulate the past with given parameters; None where that fails."""
@@ -243,8 +235,7 @@ class OnlineEstimator:
         yield LONG
         try:
             simulation = yield from self._past.started(settings, spans)
-            problem = Linearised(theta, self._numbers)
-            run = Run(problem, simulation, self._past.noise_unit, error)
+            run = Run(Linearised(theta), simulation, self._past.noise_unit, error)
             yield from self._catch_up(run)
             return run
         except SimulationError as err:
@@ -269,10 +260,9 @@ class OnlineEstimator:
 
     def _resolution(self, settings: Settings) -> tuple[int, float]:
         """Knot spans to simulate with, and the error that they have over L."""
-        if self._judged_resolution is not None and self._judged_resolution.holds(
-            self._finer(settings)
-        ):
-            return self._judged_resolution.spans, self._judged_resolution.error
+        judged = self._judged_resolution
+        if judged is not None and judged.holds(self._finer(settings)):
+            return judged.spans, judged.error
         # Twice the published ones, until the parameters are worth a closer look.
         return 2 * (settings.rod.control_points - DEGREE), ASSUMED_ERROR
 
@@ -292,11 +282,11 @@ class OnlineEstimator:
                 spans, error = judge.resolution.spans, judge.resolution.error
         except SimulationError as err:
             LOG.warning("the resolution cannot be judged: %s", err)
-        self._judged_resolution = JudgedResolution.of(settings, spans, error)
+        self._judged_resolution = JudgedResolution(settings, spans, error)
         if spans == run.simulation.basis.spans:
             run.error = error
         else:
-            self._adopt((yield from self._again(run.at.theta)))
+            yield from self._adopt(run.at.theta)
 
     def _finer(self, settings: Settings) -> Settings:
         """Ask for a simulation whose own error lies below the noise, once that is known."""
@@ -305,15 +295,8 @@ class OnlineEstimator:
             return settings
         return within_noise(settings, math.sqrt(run.at.left(self._prior.step(run.at)) / run.used))
 
-    def _relinearise(self, rival: FloatArray | None) -> Pieces[None]:
-        """Simulate the past anew while the estimate lies beyond what a linear model is good for.
-
-        Args:
-            rival: logarithms that explain the past better than those of the present run.
-        """
-        if rival is not None:
-            self._adopt((yield from self._again(rival)))
-            yield from self._measure_information()
+    def _relinearise(self) -> Pieces[None]:
+        """Simulate the past anew while the estimate lies beyond what a linear model is good for."""
         for _ in range(ITERATIONS):
             run = self._run
             assert run is not None
@@ -327,22 +310,21 @@ class OnlineEstimator:
                     new is not None
                     and new.at.sum_of_squares / new.used <= run.at.sum_of_squares / run.used
                 ):
-                    self._adopt(new)
-                    yield from self._measure_information()
+                    self._run = new
+                    yield from self._information.measure(new, self._prior)
                     break
             else:
                 self._retry = int(RETRY_GROWTH * run.used) + 1
                 return
 
-    def _measure_information(self) -> Pieces[None]:
-        assert self._run is not None
-        yield from self._information.measure(self._run, self._prior)
-
     def _set_up_is_due(self) -> bool:
         return self._set_up.due(self._run, self._past, self._estimate)
 
     def _examine_set_up(self) -> Pieces[None]:
-        yield from self._set_up.compute(self._run, self._past, self._estimate, self._prior)
+        try:
+            yield from self._set_up.compute(self._run, self._past, self._estimate, self._prior)
+        except SimulationError as err:
+            LOG.info("the set-up's tolerances are not looked at: %s", err)
 
     def _publish(self) -> None:
         """Solve for the estimate."""
@@ -357,20 +339,18 @@ class OnlineEstimator:
         information = self._prior.forces
         known = self._information.weighed(run, step, self._prior)
         if known is not None:
-            shifts = [*model_shifts(run.simulation.settings, 4), *self._set_up.shifts]
-            information = information + known.information(shifts)
+            shifts = (model_shift(run.simulation.settings), *self._set_up.shifts)
+            information = information + known.information(*shifts)
         low, high = self._guess - np.log(1e4), self._guess + np.log(1e4)
-        theta = np.where(np.isfinite(self._guess), np.clip(theta, low, high), self._guess)
-        estimate = summarise(self._initial, theta, information)
-        estimate = replace(estimate, delay=self._set_up.delay)
+        estimate = summarise(self._initial, np.clip(theta, low, high), information)
         change = logarithms(estimate.settings)[:2] - self._passed
         whole = estimate.identifiable["density"]
         scale = float(np.abs(change).max()) * (1.0 if whole else UNKNOWN_WEIGHT)
         large = max(scale, abs(float(change[0] - change[1]))) > SHORTEST_STEP
-        if large and (linear or stuck):
+        significant = large and (linear or stuck)
+        if significant:
             self._passed = self._passed + change
-            estimate = replace(estimate, significant=True)
-        self._estimate = estimate
+        self._estimate = replace(estimate, significant=significant, delay=self._set_up.delay)
 
     def _fold(self) -> None:
         """Keep the window's information as a summary, and start a new window at the present."""
@@ -379,13 +359,13 @@ class OnlineEstimator:
         # Work that is under way may end first, but not for ever.
         if run is None or elapsed <= WINDOW or (self._worker.busy and elapsed <= 1.5 * WINDOW):
             return
-        theta = self._current()
+        theta = logarithms(self._estimate.settings)
         self._information.fold(run, theta - run.at.theta, self._prior)
         self._prior.fold(run.at, theta, FORGETTING)
         self.forces.fold()
         anchor = run.simulation.fork(with_logarithms(self._initial, theta))
         self._past.move(anchor)
-        problem, simulation = Linearised(theta, self._numbers), anchor.fork(anchor.settings)
-        self._adopt(Run(problem, simulation, self._past.noise_unit, run.error))
+        simulation = anchor.fork(anchor.settings)
+        self._run = Run(Linearised(theta), simulation, self._past.noise_unit, run.error)
         self._worker.drop()
         self._pending, self._retry = [], 0

@@ -5,21 +5,20 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces
-from dlo_ros.identification.force_scale import borne_along, scale_in_pieces
+from dlo_ros.identification.force_scale import borne_along, scale_of
+from dlo_ros.identification.information import diameter_error
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
-from dlo_ros.inference.forecast import predictions_at
+from dlo_ros.identification.online.observed_window import ObservedWindow
+from dlo_ros.inference.forecast import Manipulation, predictions_at
 from dlo_ros.inference.thresholds import FEWEST, SMALL_SHARE
-from dlo_ros.observation import Observation, Wrenches
+from dlo_ros.observation import Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.loads.grip_reactions import Loading
-from dlo_ros.rod.protocol import RodSimulation
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
 
@@ -42,7 +41,6 @@ class Forces:
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self._rows: dict[str, deque[tuple[int, FloatArray, FloatArray]]] = {}
-        self._weighed = False  # by the present window
         self.fold()
 
     def add(self, measured: Wrenches) -> None:
@@ -52,54 +50,47 @@ class Forces:
         rows.extend(zip(measured.stamps.tolist(), values, measured.axes, strict=True))
 
     def fold(self) -> None:
-        """A new window begins."""
+        """A new window begins, which has not weighed the forces yet."""
         self._used, self._ratio, self._weighed = 0, np.nan, False
 
-    def weigh(
-        self, run: Run, past: Sequence[Observation], commands: Sequence[Command],
-        prior: PriorInformation, begin: Callable[[], Pieces[RodSimulation]],
-    ) -> Pieces[None]:  # fmt: skip
+    def weigh(self, run: Run, past: ObservedWindow, prior: PriorInformation) -> Pieces[None]:
         """Estimate the scale of all forces from those of the window, where that is due.
 
         Args:
             run: run of the model along the observations of the window.
-            past: the observations of the window.
-            commands: commands that led the grips.
+            past: the window.
             prior: prior information, to which the result is added.
-            begin: function that starts a simulation of the window with loads, as the run's.
         """
         ratio = float(run.at.theta[0] - run.at.theta[1])
         same = abs(ratio - self._ratio) < SMALL_SHARE
         if not self._rows or run.used < FEWEST or (same and run.used < GROWTH * self._used):
             return
         self._used, self._ratio = run.used, ratio
-        theta = run.at.theta
+        theta, seen, twin = run.at.theta, tuple(past.observations), run.simulation
         try:
             yield LONG
-            simulation = yield from begin()
-            stamps = [o.stamp for o in past if o.stamp >= simulation.stamp]
-            loadings: list[Loading | None] = []
+            simulation = yield from past.started(twin.settings, twin.basis.spans, loads=True)
+            stamps = [o.stamp for o in seen if o.stamp >= simulation.stamp]
+            loadings: list[Loading] = []
             for stamp in stamps:
                 yield SHORT
-                loadings += [p.loading for p in predictions_at(simulation, [stamp])]
+                found = predictions_at(simulation, [stamp])
+                loadings += [p.loading for p in found if p.loading is not None]
         except SimulationError as err:
             LOG.warning("measured forces are not used for now: %s", err)
             return
-        bearing = [x for x in loadings if x is not None]
-        borne = borne_along("live", bearing, stamps, self._wrenches(), commands)
-        rod = self._settings.rod
-        found = yield from scale_in_pieces(
-            borne, self._settings, diameter_std=rod.diameter_std / rod.diameter
-        )
-        if found is None or (not self._weighed and found.information < prior.forces[MU, MU]):
+        live = Manipulation("live", tuple(past.motion.commands), seen, self._wrenches())
+        borne, diameter = borne_along(live, loadings, stamps), diameter_error(self._settings.rod)
+        scale = yield from scale_of(borne, self._settings, diameter_std=diameter)
+        if scale is None or (not self._weighed and scale.information < prior.forces[MU, MU]):
             return  # an earlier window has more information
         self._weighed = True
         prior.forces = np.zeros_like(prior.forces)
-        prior.forces[MU, MU] = found.information
+        prior.forces[MU, MU] = scale.information
         prior.force_centre = theta.copy()
-        prior.force_centre[MU] += found.log
+        prior.force_centre[MU] += scale.log
 
-    def _wrenches(self) -> list[Wrenches]:
+    def _wrenches(self) -> tuple[Wrenches, ...]:
         """Measured wrenches of each end."""
         result = []
         for end, rows in self._rows.items():
@@ -109,4 +100,4 @@ class Forces:
             result.append(
                 Wrenches(end, np.array(stamps, dtype=np.int64), values[:, :3], values[:, 3:], axes)
             )
-        return result
+        return tuple(result)

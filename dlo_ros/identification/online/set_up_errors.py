@@ -15,34 +15,29 @@ what it is.
 
 from __future__ import annotations
 
-import logging
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import expit
 
 from dlo_ros.effects.measurement.command_delay import CommandDelay
-from dlo_ros.errors import SimulationError
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces
 from dlo_ros.identification.estimate import Estimate
 from dlo_ros.identification.gradual_simulation import simulated
 from dlo_ros.identification.online.accumulated_information import fitted_variances
 from dlo_ros.identification.online.linearised_model import PriorInformation, Run
 from dlo_ros.identification.online.observed_window import ObservedWindow
-from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
-from dlo_ros.inference.spectrum import Spectrum, spectrum
+from dlo_ros.inference.spectrum import spectrum
 from dlo_ros.inference.thresholds import SMALL_SHARE
-from dlo_ros.inference.variances import Posterior
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
-
-LOG = logging.getLogger(__name__)
 
 BEGINNING = 3  # observations before there is an estimate
 SETTLED = 0.8  # [s] of past before which neither tolerances nor resolution are worth a look
@@ -93,46 +88,28 @@ class SetUpErrors:
     def compute(
         self, run: Run | None, past: ObservedWindow, estimate: Estimate, prior: PriorInformation
     ) -> Pieces[None]:
-        """Compute the errors piece by piece.
+        """Compute the errors piece by piece: linearise the open model at the estimate, and on.
 
         Args:
             run, past, estimate: see `due`.
             prior: prior information with which the estimate weighs pictures.
+
+        Raises:
+            SimulationError: the motion cannot be simulated.
         """
         seen = past.manipulation()
         if run is None or seen is None:
             return
         self._examined = (run.used, math.log(estimate.specific_modulus))
-        scale = prior.scale(run.at, prior.step(run.at))
-        settings, spans = estimate.settings, run.simulation.basis.spans
-        try:
-            yield from self._compute(seen, settings, spans, scale, prior.prior)
-        except SimulationError as err:
-            LOG.info("the set-up's tolerances are not looked at: %s", err)
-
-    def _compute(
-        self, past: Manipulation, settings: Settings, spans: int, scale: float, prior: FloatArray
-    ) -> Pieces[None]:
-        """Linearise the open model at the estimate, then where that leads.
-
-        Args:
-            past: commands and observations from the start of the simulation on.
-            settings: settings with the estimate.
-            spans: knot spans of the simulation.
-            scale: information per squared metre of a residual number in the estimate [1/m^2].
-            prior: information on ln (E, mu, c, t_r) beside that of the pictures, shape (4, 4).
-
-        Raises:
-            SimulationError: the motion cannot be simulated.
-        """
-        recording = replace(measured(past, settings), spans=spans)
-        view = scene(settings, imposed_names([past]), [recording.observed])
+        scale, settings = prior.scale(run.at, prior.step(run.at)), estimate.settings
+        recording = replace(measured(seen, settings), spans=run.simulation.basis.spans)
+        view = scene(settings, imposed_names([seen]), [recording.observed])
         model = joint_model(settings, self._given, view)
         if not recording.planar or not any(p.effect for p in model.parameters):
             self.shifts = ()
             return
         here = yield from _linearised(model, recording)
-        self.shifts = yield from _shifts(here, scale, prior)
+        self.shifts = yield from _shifts(here, scale, prior.prior)
         name = CommandDelay.parameter("delay")
         if name not in model.names:
             return
@@ -140,63 +117,47 @@ class SetUpErrors:
         for _ in range(LINEARISATIONS):
             if theta is not None:
                 here = yield from _linearised(model.at(theta), recording)
-            step, variance = here.opened.step, float(here.opened.covariance[k, k])
+            step, variance = here.posterior.step, float(here.posterior.covariance[k, k])
             theta, self.delay = here.model.theta() + step, None
             if abs(step[k]) < UNCHANGED * np.sqrt(variance):
                 # The error of the simulation is no noise that more pictures average out.
                 off = settings.simulation.tolerance * settings.rod.length
                 prior_std = model.parameters[k].std
-                speed = max(float(np.sqrt(np.mean(here.jacobian[:, k] ** 2))), off / prior_std)
+                speed = max(float(np.sqrt(np.mean(here.fields[0][1][:, k] ** 2))), off / prior_std)
                 shift = (1.0 - variance / prior_std**2) * off / speed
                 self.delay = float(theta[k]), float(np.hypot(np.sqrt(variance), shift))
                 break
         self._theta = theta
 
 
-@dataclass(frozen=True)
-class _Linearised:
-    """The open model, linearised at its values.
-
-    Args:
-        model: the model with P parameters.
-        jacobian: derivatives of the residuals [m], shape (F, P, K).
-        bins: residuals and derivatives, bin by bin.
-        opened: posterior of all parameters.
-    """
-
-    model: ParametricModel
-    jacobian: FloatArray
-    bins: Spectrum
-    opened: Posterior
-
-
-def _linearised(model: ParametricModel, recording: Recording) -> Pieces[_Linearised]:
+def _linearised(model: ParametricModel, recording: Recording) -> Pieces[Evaluation]:
     """The open model linearised at its values, piece by piece."""
-    ((residual, jacobian),) = (yield from simulated(model, recording, model.names)).fields
+    found = yield from simulated(model, recording, model.names)
     yield LONG
-    bins = spectrum(residual, jacobian, model.settings.rod.control_points)
-    length = model.settings.rod.length
-    _, opened = yield from fitted_variances(bins, model.offset(), model.precision(), length)
-    return _Linearised(model, jacobian, bins, opened)
+    rod, (field,) = model.settings.rod, found.fields
+    bins = spectrum(*field, rod.control_points)
+    fitted = yield from fitted_variances(bins, model.offset(), model.precision(), rod.length)
+    return Evaluation(model, found.fields, found.err, found.predicted, (bins,), *fitted)
 
 
-def _shifts(here: _Linearised, scale: float, prior: FloatArray) -> Pieces[tuple[FloatArray, ...]]:
+def _shifts(here: Evaluation, scale: float, prior: FloatArray) -> Pieces[tuple[FloatArray, ...]]:
     """Errors of the estimate, see `SetUpErrors`, piece by piece.
 
     Args:
-        scale, prior: see `SetUpErrors._compute`.
+        scale: information per squared metre of a residual number in the estimate [1/m^2].
+        prior: information on ln (E, mu, c, t_r) beside that of the pictures, shape (4, 4).
     """
-    model, opened, rod = here.model, here.opened, here.model.settings.rod
+    model, opened, rod = here.model, here.posterior, here.model.settings.rod
     own = np.array([not p.effect for p in model.parameters])
     pick, set_up = np.flatnonzero(own), np.flatnonzero(~own)
-    plain = here.bins.chosen(pick.tolist())
+    plain = here.spectra[0].chosen(pick.tolist())
     offset, precision = model.offset()[pick], model.precision()[pick]
     _, exact = yield from fitted_variances(plain, offset, precision, rod.length)
     probability = float(expit(opened.evidence - exact.evidence))
     off = opened.step[set_up]
     square = opened.covariance[np.ix_(set_up, set_up)] + np.outer(off, off)
     place = [MATERIAL.index(model.names[k]) for k in pick]
-    j = here.jacobian.transpose(1, 0, 2).reshape(len(own), -1)
+    j = here.fields[0][1].transpose(1, 0, 2).reshape(len(own), -1)
     lhs = prior[np.ix_(place, place)] + scale * (j[pick] @ j[pick].T)
     moves = np.zeros((len(MATERIAL), len(set_up)))
     moves[place] = scale * np.linalg.solve(lhs, j[pick] @ j[set_up].T)
