@@ -72,13 +72,9 @@ class Threads:
         """See `Pool`."""
         threads = min(len(items), _most.get() or os.cpu_count() or 1)
         results: list[Result] = []
-        if threads < 2:
-            for k, item in enumerate(items):
-                results.append(work(item))
-                done(k, results[-1])
-            return results
-        with ThreadPoolExecutor(threads) as pool:
-            for k, result in enumerate(pool.map(work, items)):
+        with ThreadPoolExecutor(max(threads, 1)) as pool:
+            # One thread is that of the caller, in which `at_most` holds for what `work` starts.
+            for k, result in enumerate((pool.map if threads > 1 else map)(work, items)):
                 results.append(result)
                 done(k, result)
         return results

@@ -240,14 +240,10 @@ def guess(spectrum: Spectrum, length: float) -> Variances:
 
 def _packed(found: Sequence[Variances]) -> FloatArray:
     """Logarithms: each recording's white noise, what is common to all, and the memories."""
-    nodal = np.mean([v.nodal for v in found], axis=0)
-    fading = np.mean([v.fading for v in found], axis=0)
-    lasting = np.mean([v.lasting for v in found], axis=0)
-    rough = np.mean([v.rough for v in found], axis=0)
-    own = [np.log(v.white) for v in found]
-    common = [np.log(nodal), np.log(fading), np.log(lasting), np.log(rough)]
+    own = np.array([v.white for v in found])
+    common = np.mean([[v.nodal, v.fading, v.lasting, v.rough] for v in found], axis=0)
     memories = np.log1p(-np.array([found[0].memory, *found[0].noise_memory]))
-    return np.concatenate([*own, *common, memories])
+    return np.concatenate([np.log([*own, *common]).ravel(), memories])
 
 
 def _rows(spectra: Sequence[Spectrum]) -> np.ndarray:
@@ -260,13 +256,9 @@ def _rows(spectra: Sequence[Spectrum]) -> np.ndarray:
 
 def _unpacked(x: FloatArray, spectra: Sequence[Spectrum]) -> tuple[Variances, ...]:
     parts = spectra[0].parts
-    sizes, memory, noise_memory = _parted(x, parts)
+    sizes, *memories = _parted(x, parts)
     rows = sizes.reshape(-1, parts)
-    nodal, fading, lasting, rough = rows[len(spectra) :]
-    return tuple(
-        Variances(rows[k], nodal, fading, lasting, rough, memory, noise_memory)
-        for k in range(len(spectra))
-    )
+    return tuple(Variances(own, *rows[len(spectra) :], *memories) for own in rows[: len(spectra)])
 
 
 def _parted(x: FloatArray, parts: int) -> tuple[FloatArray, float, FloatArray]:
