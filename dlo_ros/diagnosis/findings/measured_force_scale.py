@@ -12,6 +12,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis, Fitted, NamedEffect, Number
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.force_scale import (
@@ -26,6 +28,7 @@ from dlo_ros.inference.forecast import Manipulation, forecast
 from dlo_ros.inference.priors import DIAMETER_STD
 from dlo_ros.inference.thresholds import UNBOUNDED
 from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
@@ -52,11 +55,10 @@ def with_forces(
     if not measured:
         return found
     try:
-        scales = [_scale(f, measured, given) for f in (found.baseline, found.extended)]
+        base, extended = (_scale(f, measured, given) for f in (found.baseline, found.extended))
     except SimulationError as err:
         LOG.warning("measured forces are not used: %s", err)
         return found
-    base, extended = scales
     if base is None or extended is None:
         LOG.warning("no measured force lies near an observed shape at a grip; none is used")
         return found
@@ -73,14 +75,10 @@ def with_forces(
 def _scale(model: Fitted, recordings: Sequence[Manipulation], given: Settings) -> Scale | None:
     """The scale of a model's forces."""
     borne = []
-    for recording in recordings:
-        at = forecast(recording, model.settings, loads=True)
-        stamps = [int(s) for s in at.stamps]
-        borne += borne_along(
-            recording.name, at.loadings, stamps, recording.wrenches, recording.commands
-        )
-    density, std = model.density
-    rod = given.rod
+    for r in recordings:
+        at = forecast(r, model.settings, loads=True)
+        borne += borne_along(r.name, at.loadings, at.stamps.tolist(), r.wrenches, r.commands)
+    (density, std), rod = model.density, given.rod
     known = 0.0 if std is None else (density / std) ** 2
     diameter = rod.diameter_std / rod.diameter or DIAMETER_STD
     return scale_of(borne, given, known=known, diameter_std=diameter)
@@ -111,26 +109,15 @@ def _effect(effect: NamedEffect, scale: Scale, before: float) -> NamedEffect:
     result = {}
     for key, number in effect.parameters.items():
         power = POWERS.get(number.unit, 0.0)
-        if power == 0.0:
-            result[key] = number
-            continue
-        factor, spread = math.exp(power * scale.log), scale.std[0]
-        values = number.value if isinstance(number.value, tuple) else (number.value,)
-        stds = number.std if isinstance(number.std, tuple) else (number.std,) * len(values)
-        new = tuple(factor * v for v in values)
-        wide = [
-            None if s is None else _rescaled(factor * s, n, power * before, power * spread)
-            for s, n in zip(stds, new, strict=True)
-        ]
-        known = tuple(s for s in wide if s is not None)
-        std: float | tuple[float, ...] | None = None
-        if len(known) == len(wide):
-            std = known if isinstance(number.value, tuple) else known[0]
-        result[key] = Number(new if isinstance(number.value, tuple) else new[0], std, number.unit)
+        factor = math.exp(power * scale.log)
+        value, std = factor * np.array(number.value), number.std
+        if std is not None and power:
+            wide = factor * np.array(std)
+            own = np.maximum(wide**2 - (power * before * value) ** 2, (LEAST * wide) ** 2)
+            std = _plain(np.sqrt(own + (power * scale.std[0] * value) ** 2))
+        result[key] = Number(_plain(value), std, number.unit)
     return replace(effect, parameters=result)
 
 
-def _rescaled(std: float, value: float, before: float, after: float) -> float:
-    """Standard deviation of a force with another relative std of the scale of all forces."""
-    own = max(std**2 - (before * value) ** 2, (LEAST * std) ** 2)
-    return math.hypot(math.sqrt(own), after * value)
+def _plain(values: FloatArray) -> float | tuple[float, ...]:
+    return tuple(values.tolist()) if values.ndim else float(values)
