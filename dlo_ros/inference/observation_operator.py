@@ -83,10 +83,7 @@ class Operator:
         Args:
             change: [m], shape (..., n, 3).
         """
-        size = self.rows.shape[1]
-        flat = change.reshape(*change.shape[:-2], 3 * size)
-        result = flat @ self.rows.reshape(3 * size, 3 * size).T
-        return np.asarray(result.reshape(*change.shape[:-2], 3, size))
+        return np.tensordot(change, self.rows, ((-2, -1), (2, 3)))
 
     def in_space(self, numbers: FloatArray) -> FloatArray:
         """Numbers (..., 3, n) as vectors of the board frame, shape (..., n, 3)."""

@@ -83,10 +83,8 @@ class Variances:
 
 def _components(bins: Spectrum, memory: float, noise_memory: FloatArray) -> FloatArray:
     """Variance in each bin of each component with a variance of one, shape (5, B)."""
-    noise, fading = (
-        ar1_spectral_density(noise_memory[bins.part], bins.frequency),
-        ar1_spectral_density(memory, bins.frequency),
-    )
+    noise = ar1_spectral_density(noise_memory[bins.part], bins.frequency)
+    fading = ar1_spectral_density(memory, bins.frequency)
     return np.array(
         [
             noise * bins.white, noise * bins.nodal, fading * bins.share, bins.still * bins.share,
@@ -218,14 +216,12 @@ def fit_variances(
 def guess(spectrum: Spectrum, length: float) -> Variances:
     """Variances from the residuals as they are."""
     least = (LEAST_NOISE * length) ** 2
-    high = spectrum.frequency > 0.5 * np.pi
-    rough = high & (spectrum.share < SMALL_SHARE)
+    high, detail = spectrum.frequency > 0.5 * np.pi, spectrum.share < SMALL_SHARE
     still = spectrum.frequency == 0.0
     white, fading, staying = [], [], []
     for part in range(spectrum.parts):
         mine = spectrum.part == part
-        pick = mine & rough if np.any(mine & rough) else mine & (spectrum.share < SMALL_SHARE)
-        pick = pick if np.any(pick) else mine
+        pick = next(p for p in (mine & high & detail, mine & detail, mine) if p.any())
         each = float(np.sum(spectrum.sum_of_squares[pick]) / np.sum(spectrum.count[pick]))
         white.append(max(each / float(spectrum.white[0]), least))
         fading.append(max(float(np.sum(spectrum.sum_of_squares[mine])) / spectrum.frames, least))
@@ -290,11 +286,7 @@ def _missed(
 
 
 def _bounds(spectra: Sequence[Spectrum], missed: Sequence[float], length: float) -> FloatArray:
-    """Bounds of the packed numbers, shape (m, 2).
-
-    Args:
-        missed: see `_missed`.
-    """
+    """Bounds of the packed numbers, shape (m, 2)."""
     low, high = 2.0 * np.log(LEAST_NOISE * length), 2.0 * np.log(LARGEST * length)
     parts = spectra[0].parts
     separable = max(s.frames for s in spectra) >= FEWEST_FRAMES
@@ -315,9 +307,6 @@ def _cost(
     """Minus the log marginal likelihood, its derivatives by the packed numbers, and information.
 
     The information is the expected one, as if no parameter of the model were fitted.
-
-    Args:
-        rows: see `_rows`.
     """
     sizes, memory, noise_memory = _parted(x, bins.parts)
     parts = sizes[rows] * _components(bins, memory, noise_memory)

@@ -9,6 +9,7 @@ they begin to be wrong.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -44,18 +45,15 @@ class TouchedWall(NamedTuple):
         normal = np.array([np.sin(self.angle), np.cos(self.angle)])
         return StraightWall.touching(normal, float(normal @ self[:2]) - 0.5 * diameter)
 
-    def moved(self, along: float, turn: float) -> TouchedWall:
-        """The wall that is moved along its normal [m] and turned about its point [rad]."""
-        x, z = along * np.sin(self.angle), along * np.cos(self.angle)
-        return TouchedWall(self.x + float(x), self.z + float(z), self.angle + turn)
-
     def steps(self) -> tuple[float, ...]:
         """First steps of a search: along its normal, in units of `stepped`, and of its angle."""
         return NORMAL, TURN
 
     def stepped(self, step: FloatArray, unit: float) -> TouchedWall:
-        """The wall that is moved by a step (2,), of a unit [m], and turned."""
-        return self.moved(unit * float(step[0]), float(step[1]))
+        """The wall that is moved by a step (2,) along its normal, of a unit [m], and turned."""
+        along, turn = unit * float(step[0]), float(step[1])
+        x, z = along * math.sin(self.angle), along * math.cos(self.angle)
+        return TouchedWall(self.x + x, self.z + z, self.angle + turn)
 
 
 def walls(view: Sight) -> list[TouchedWall]:
@@ -68,8 +66,8 @@ def walls(view: Sight) -> list[TouchedWall]:
         room = edge - _farthest(view, normal, edge)
         if room > -SLACK:
             count = int(np.clip((room + SLACK) / (SPACING * view.rod.length), 2, MOST))
-            moves = (0.0, *np.linspace(SLACK, -room, count).tolist())
-            found += [touched.moved(x, 0.0) for x in moves]
+            moves = (0.0, *np.linspace(SLACK, -room, count))
+            found += [touched.stepped(np.array([x, 0.0]), 1.0) for x in moves]
     return found
 
 
