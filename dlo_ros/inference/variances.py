@@ -119,8 +119,7 @@ def posterior(
         precision: inverse variances of the prior, shape (P,).
     """
     v = np.concatenate([v.of(s) for s, v in zip(spectra, variances, strict=True)])
-    value, step, covariance, _ = _marginal_likelihood(joined(spectra), v, offset, precision)
-    return Posterior(step, covariance, -value)
+    return _marginal_likelihood(joined(spectra), v, offset, precision)[0]
 
 
 def widened_covariance(
@@ -156,8 +155,8 @@ def widened_covariance(
 
 def _marginal_likelihood(
     bins: Spectrum, v: FloatArray, offset: FloatArray, precision: FloatArray
-) -> tuple[float, FloatArray, FloatArray, FloatArray]:
-    """Minus the log marginal likelihood, step, covariance, and its derivatives by variances."""
+) -> tuple[Posterior, FloatArray]:
+    """The posterior, and the derivatives of minus the log marginal likelihood by variances."""
     each, hessian = 1.0 / v, bins.hessian.reshape(len(v), -1)
     lhs = np.diag(precision) + (each @ hessian).reshape(len(precision), -1)
     rhs = precision * offset + each @ bins.gradient
@@ -175,7 +174,7 @@ def _marginal_likelihood(
     value += 2.0 * float(np.sum(np.log(np.diag(factor))) - np.sum(np.log(scale)))
     spread = covariance + np.outer(step, step)
     left = bins.sum_of_squares - 2.0 * bins.gradient @ step + hessian @ spread.ravel()
-    return 0.5 * value, step, covariance, 0.5 * each * (bins.count - left * each)
+    return Posterior(step, covariance, -0.5 * value), 0.5 * each * (bins.count - left * each)
 
 
 def fit_variances(
@@ -311,7 +310,7 @@ def _cost(
     sizes, memory, noise_memory = _parted(x, bins.parts)
     parts = sizes[rows] * _components(bins, memory, noise_memory)
     variance = parts.sum(axis=0)
-    value, _, _, slope = _marginal_likelihood(bins, variance, offset, precision)
+    found, slope = _marginal_likelihood(bins, variance, offset, precision)
     changes, bin_ = np.zeros((len(x), len(variance))), np.arange(len(variance))
     for row, part in zip(rows, parts, strict=True):
         changes[row, bin_] += part
@@ -320,7 +319,7 @@ def _cost(
     faster = -(parts[0] + parts[1]) * ar1_rate(noise_memory[bins.part], bins.frequency)
     changes[place + 1 + bins.part, bin_] = faster
     relative = changes * np.sqrt(0.5 * bins.count) / variance
-    return value, changes @ slope, relative @ relative.T
+    return -found.evidence, changes @ slope, relative @ relative.T
 
 
 def ar1_rate(memory: float | FloatArray, frequency: FloatArray) -> FloatArray:

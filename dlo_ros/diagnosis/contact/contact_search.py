@@ -64,8 +64,6 @@ class _Disturbed:
     """Recordings in which the DLO may have hit something, and a model that is right before.
 
     Args:
-        settings: settings of the model.
-        recordings: drafts of the recordings.
         scale: scale of the robust loss, see `robust_loss`.
         given: the parameter file.
     """
@@ -166,7 +164,6 @@ def _contacts(
 
     Args:
         consensus: simulation of the fit to undisturbed pictures on all drafts.
-        scale: scale of the robust loss, see `robust_loss`.
     """
     observed = [d.observed for d in drafts]
     wrong = outlier_frames(consensus, drafts, scale)

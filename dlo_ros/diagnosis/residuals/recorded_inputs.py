@@ -84,10 +84,6 @@ def _grips(
 
     They are zero where nothing is held.
 
-    Args:
-        shapes: predicted control points [m], shape (F, n, 3).
-        times: times of these [s], shape (F,).
-
     Returns:
         Shapes (F, 3 n), (F, 6) and (F, 3 n + 6); a turning counts at half the length [m/s].
     """
