@@ -89,13 +89,15 @@ def _scaled(model: Fitted, scale: Scale) -> Fitted:
     factor, std = math.exp(scale.log), scale.std[0]
     ratio, ratio_std = model.specific_modulus
     modulus_std = None if ratio_std is None else math.hypot(std, ratio_std / ratio)
-    result = []
-    for (value, _), spread in ((model.young_modulus, modulus_std), (model.density, std)):
-        known = spread is not None and spread < UNBOUNDED
-        result.append((factor * value, factor * value * spread if spread and known else None))
+
+    def scaled(before: float, spread: float | None) -> tuple[float, float | None]:
+        value = factor * before
+        return value, value * spread if spread and spread < UNBOUNDED else None
+
     return replace(
         model, settings=with_scale(model.settings, scale.log),
-        young_modulus=result[0], density=result[1],
+        young_modulus=scaled(model.young_modulus[0], modulus_std),
+        density=scaled(model.density[0], std),
     )  # fmt: skip
 
 
