@@ -60,10 +60,8 @@ def _imposed(manipulation: Manipulation, length: float) -> float:
     """Distance by which the command alone carries any point in the first pictures [m]."""
     if not manipulation.commands:
         return 0.0
-    motion, stamps = (
-        motion_of(manipulation),
-        [o.stamp for o in manipulation.observations[:PICTURES]],
-    )
+    motion = motion_of(manipulation)
+    stamps = [o.stamp for o in manipulation.observations[:PICTURES]]
     poses = [c.sample(stamp) for stamp in stamps if (c := motion.at(stamp)) is not None]
     if any(len(places) != len(poses[0][0]) for places, _ in poses):
         return np.inf

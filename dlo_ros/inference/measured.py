@@ -183,13 +183,9 @@ def spline_space(observed: FloatArray, settings: Settings) -> FloatArray:
         )
     basis = SplineBasis(n, length)
     u, weight = basis.quadrature()
-    values, slopes = basis.matrix(u), basis.matrix(u, 1)
-    tangent = slopes @ observed
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=2, keepdims=True), 1e-12)
-    normal, tangent, binormal = directions(tangent)
-    fields = [normal, tangent]
-    if np.abs(observed[:, :, 1]).max() > 1e-6 * length:
-        fields.append(binormal)
+    values = basis.matrix(u)
+    planar = np.abs(observed[:, :, 1]).max() <= 1e-6 * length
+    fields = directions(basis.matrix(u, 1) @ observed)[: 2 if planar else 3]
     project = np.linalg.inv(whitening(n, length)) @ (values * weight[:, None]).T / length  # (n, q)
     parts = [np.einsum("kq,fqc,qn->fknc", project, d, values, optimize=True) for d in fields]
     return np.concatenate(parts, axis=1)
