@@ -94,13 +94,11 @@ def _explained(
     plain = _learned(beginning, count)
     rough = cache(partial(drafts, learned, plain))
 
+    begin_with = partial(training_set, beginning, count, plain.model.settings, given)
+
     def explained(begun: TrainingSet, known: Learned | None) -> Learned:
         contacts = partial(_met, rough, plain, begun, given, progress)
         return learn(begun, given, contacts, None if known is None else known.explanation)
-
-    def begin_with(*, all_of_them: bool) -> TrainingSet:
-        settings = plain.model.settings
-        return training_set(beginning, count, settings, given, all_of_them=all_of_them)
 
     progress("fitting the joint model", 0.0)
     begun = begin_with(all_of_them=before is not None and all_learned_from(before))
@@ -144,23 +142,16 @@ def _learned(beginning: Beginning, count: int) -> Evaluation:
     return fitted(beginning.at.model, learned)
 
 
-def _like(plain: Evaluation, found: Learned) -> ParametricModel:
-    """The plain model with the material and damping of an explanation."""
-    there = found.explanation.at.model.settings
-    here = plain.model.settings
-    values = {n: getattr(there.rod, n) for n in ("young_modulus", "density")}
-    settings = replace(here, rod=replace(here.rod, **values), damping=there.damping)
-    return replace(plain.model, settings=settings)
-
-
 def _better_plain_model(
     plain: Evaluation, found: Learned, beginning: Beginning
 ) -> ParametricModel | None:
     """A plain model that does better than the fitted one, whose fit had ended in a wrong minimum.
 
-    What was found may have led out of that minimum.
+    The material and damping of an explanation may lead out of that minimum.
     """
-    model = _like(plain, found)
+    there, here = found.explanation.at.model.settings, plain.model.settings
+    rod = replace(here.rod, young_modulus=there.rod.young_modulus, density=there.rod.density)
+    model = replace(plain.model, settings=replace(here, rod=rod, damping=there.damping))
     recordings = beginning.recordings[: len(plain.err)]
     try:
         at = simulate(model, recordings, ())

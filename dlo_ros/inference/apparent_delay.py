@@ -85,11 +85,8 @@ def _ends(
     """Places of the ends that are held all the time, and of points before clamps.
 
     Args:
-        shapes: observed shapes.
-        manipulation: the commands.
         begin: stamp of the first command [ns].
         times: instants of the commands from there [s], shape (k,).
-        length: length of the DLO [m].
 
     Returns:
         Coordinates [m] as observed, shape (m, c), and as imposed at those instants, shape (k, c).
@@ -98,22 +95,17 @@ def _ends(
     seen: list[FloatArray] = [np.zeros((len(shapes), 0))]
     imposed: list[FloatArray] = [np.zeros((len(times), 0))]
     stamps = [begin + round(t * NANOSECONDS) for t in times.tolist()]
-    ruling = [motion.at(stamp) for stamp in stamps]
-    poses = [c.sample(s) if c is not None else None for c, s in zip(ruling, stamps, strict=True)]
+    ruling = [(c, stamp) for stamp in stamps if (c := motion.at(stamp)) is not None]
+    poses = [command.sample(stamp) for command, stamp in ruling]
     for end, tip, inner in ((START, 0, 1), (END, -1, -2)):
-        held = [None if c is None else c.held(end, n) for c in ruling]
-        places, turns = [], []
-        for pose, k in zip(poses, held, strict=True):
-            if pose is None or k is None:
-                break
-            places.append(pose[0][k])
-            turns.append(pose[1][k])
-        if len(places) < len(times):
+        held = [k for command, _ in ruling if (k := command.held(end, n)) is not None]
+        if len(held) < len(times):
             continue
         ends = np.array([o.control_points[tip, :3] for o in shapes])
         seen.append(ends)
-        imposed.append(np.array(places))
-        if all(end in c.names for c in ruling if c is not None):
+        imposed.append(np.array([places[k] for (places, _), k in zip(poses, held, strict=True)]))
+        if all(end in command.names for command, _ in ruling):
+            turns = [turned[k] for (_, turned), k in zip(poses, held, strict=True)]
             along = np.array([o.control_points[inner, :3] for o in shapes]) - ends
             along *= 1.0 if end == START else -1.0
             along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)

@@ -58,21 +58,17 @@ def apparent_start(manipulation: Manipulation, length: float) -> str | None:
 
 def _imposed(manipulation: Manipulation, length: float) -> float:
     """Distance by which the command alone carries any point in the first pictures [m]."""
+    if not manipulation.commands:
+        return 0.0
     motion = motion_of(manipulation)
-    farthest = 0.0
-    first: tuple[FloatArray, FloatArray] | None = None
-    for stamp in (o.stamp for o in manipulation.observations[:PICTURES]):
-        command = motion.at(stamp)
-        if command is None:
-            return 0.0
-        places, turns = command.sample(stamp)
-        first = first or (places, turns)
-        if places.shape != first[0].shape:
-            return np.inf
-        cosine = np.abs(np.sum(turns * first[1], axis=1)).clip(max=1.0)
-        moved = np.linalg.norm(places - first[0], axis=1) + 2.0 * np.arccos(cosine) * length
-        farthest = max(farthest, float(moved.max(initial=0.0)))
-    return farthest
+    stamps = [o.stamp for o in manipulation.observations[:PICTURES]]
+    poses = [c.sample(stamp) for stamp in stamps if (c := motion.at(stamp)) is not None]
+    if any(len(places) != len(poses[0][0]) for places, _ in poses):
+        return np.inf
+    places, turns = (np.array(of_all) for of_all in zip(*poses, strict=True))  # (F, m, 3 and 4)
+    cosine = np.abs(np.sum(turns * turns[0], axis=2)).clip(max=1.0)
+    moved = np.linalg.norm(places - places[0], axis=2) + 2.0 * np.arccos(cosine) * length
+    return float(moved.max(initial=0.0))
 
 
 def _size(vectors: FloatArray) -> float:

@@ -115,29 +115,19 @@ def forecast(
         InputError: no observation, or observations that do not fit the settings.
         SimulationError: the motion cannot be simulated.
     """
-    try:
-        return _forecast(manipulation, settings, parameters, spans, last_stamp, loads)
-    except SimulationError as err:
-        raise SimulationError(f"{manipulation.name}: {err}") from err
-
-
-def _forecast(
-    manipulation: Manipulation,
-    settings: Settings,
-    parameters: Sequence[str],
-    spans: int | None,
-    last_stamp: int | None,
-    loads: bool,
-) -> Forecast:
     observations = seen_until(manipulation, last_stamp)
     settings = as_started(settings, manipulation)
-    motion = motion_of(manipulation)
-    simulation = simulation_of(settings, motion, parameters=parameters, spans=spans, loads=loads)
-    for _ in simulation.starting(observations[:2], observations[-1].stamp):
-        pass
-    if settings.simulation.start == "moving":
-        observations = observations[1:]
-    predictions = predictions_at(simulation, [o.stamp for o in observations])
+    try:
+        simulation = simulation_of(
+            settings, motion_of(manipulation), parameters=parameters, spans=spans, loads=loads
+        )
+        for _ in simulation.starting(observations[:2], observations[-1].stamp):
+            pass
+        if settings.simulation.start == "moving":
+            observations = observations[1:]
+        predictions = predictions_at(simulation, [o.stamp for o in observations])
+    except SimulationError as err:
+        raise SimulationError(f"{manipulation.name}: {err}") from err
     changes = [p.sensitivity for p in predictions if p.sensitivity is not None]
     judged = simulation.resolution
     found = compared(

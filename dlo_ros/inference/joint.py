@@ -86,9 +86,10 @@ def simulate(
     Raises:
         SimulationError: one of them cannot be simulated.
     """
-    fields, errs, predictions = [], [], []
+    fields = []
     wanted = model.names if names is None else tuple(names)
     chain = dict(zip(model.names, model.chain(), strict=True))
+    scale = np.array([chain[name] for name in wanted])
 
     def forecast_of(recording: Recording) -> Forecast:
         return forecast(
@@ -96,15 +97,14 @@ def simulate(
             spans=recording.spans,
         )  # fmt: skip
 
-    for recording, found in zip(recordings, Threads().map(forecast_of, recordings), strict=True):
-        scale = np.array([chain[name] for name in wanted])
+    forecasts = Threads().map(forecast_of, recordings)
+    for recording, found in zip(recordings, forecasts, strict=True):
         here = field(recording, found.predicted, found.sensitivity, scale)
         if _boundless(here[1], model, wanted):
             here = here[0], differences(model, recording, wanted, here[0])
         fields.append(here)
-        errs.append(found.err)
-        predictions.append(found.predicted)
-    return Simulated(model, tuple(fields), tuple(errs), tuple(predictions))
+    err, predicted = (f.err for f in forecasts), (f.predicted for f in forecasts)
+    return Simulated(model, tuple(fields), tuple(err), tuple(predicted))
 
 
 def _boundless(jacobian: FloatArray, model: ParametricModel, names: Sequence[str]) -> bool:
@@ -216,7 +216,7 @@ def judged(found: Simulated, start: Sequence[Variances] | None = None) -> Evalua
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
-    return _evaluation(found, _spectra(found), start)
+    return _evaluation(found, start)
 
 
 def compared(found: Simulated, variances: tuple[Variances, ...]) -> Evaluation:
@@ -225,7 +225,7 @@ def compared(found: Simulated, variances: tuple[Variances, ...]) -> Evaluation:
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
-    return _evaluation(found, _spectra(found), variances, fitted=False)
+    return _evaluation(found, variances, fitted=False)
 
 
 def rejudged(at: Evaluation) -> Evaluation:
@@ -234,31 +234,24 @@ def rejudged(at: Evaluation) -> Evaluation:
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
-    return replace(_evaluation(at, at.spectra, at.variances), derived=at.derived)
-
-
-def _spectra(found: Simulated) -> tuple[Spectrum, ...]:
-    """Normal equations of each recording."""
-    n = found.model.settings.rod.control_points
-    return tuple(spectrum(r, j, n) for r, j in found.fields)
+    return replace(judged(at, at.variances), derived=at.derived)
 
 
 def _evaluation(
-    found: Simulated, spectra: tuple[Spectrum, ...], variances: Sequence[Variances] | None, *,
-    fitted: bool = True,
-) -> Evaluation:  # fmt: skip
+    found: Simulated, variances: Sequence[Variances] | None, *, fitted: bool = True
+) -> Evaluation:
     """An evaluation whose likelihood is finite: without one, nothing can be simulated.
 
     Args:
         variances: with which their fit begins; None: as the residuals suggest.
         fitted: whether they are fitted to what a simulation leaves; if not, they count as given.
     """
-    model = found.model
+    model, rod = found.model, found.model.settings.rod
+    spectra = tuple(spectrum(r, j, rod.control_points) for r, j in found.fields)
     offset, precision = model.offset(), model.precision()
     try:
         if fitted:
-            length = model.settings.rod.length
-            known, best = fit_variances(spectra, offset, precision, length, variances)
+            known, best = fit_variances(spectra, offset, precision, rod.length, variances)
         else:
             known = tuple(variances or ())
             best = posterior(spectra, known, offset, precision)

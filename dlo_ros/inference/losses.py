@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,23 +22,6 @@ WHITE_CONVERGED = 0.05
 """Gain over the whole misfit, at which a fit ends that takes all that is left for white noise."""
 
 
-class Loss(Protocol):
-    """A way to judge what a model leaves."""
-
-    @property
-    def fits_variances(self) -> bool:
-        """Whether the variances of the errors are fitted anew in each iteration."""
-
-    def normal_equations(self, at: Evaluation) -> tuple[FloatArray, FloatArray]:
-        """Hessian (P, P) and gradient (P,) of the data's log likelihood, without the prior."""
-
-    def value(self, at: Evaluation, reference: Evaluation) -> float:
-        """The loss of a model's values, with another's variances, without the prior."""
-
-    def least_gain(self, at: Evaluation) -> float:
-        """Gain at which a fit ends."""
-
-
 @dataclass(frozen=True)
 class CorrelatedLoss:
     """Errors are correlated as their variances say (`dlo_ros.inference.variances`).
@@ -53,24 +36,24 @@ class CorrelatedLoss:
 
     @property
     def fits_variances(self) -> bool:
-        """See `Loss`."""
+        """Whether the variances of the errors are fitted anew in each iteration."""
         return self.known is None
 
     def normal_equations(self, at: Evaluation) -> tuple[FloatArray, FloatArray]:
-        """See `Loss`."""
+        """Hessian (P, P) and gradient (P,) of the data's log likelihood, without the prior."""
         variances = self.known or at.variances
         pairs = [(1.0 / v.of(s), s) for s, v in zip(at.spectra, variances, strict=True)]
         hessian = sum(np.einsum("b,bpq->pq", w, s.hessian) for w, s in pairs)
         return np.asarray(hessian), np.asarray(sum(w @ s.gradient for w, s in pairs))
 
     def value(self, at: Evaluation, reference: Evaluation) -> float:
-        """See `Loss`."""
+        """The loss of a model's values, with another's variances, without the prior."""
         variances = self.known or reference.variances
         pairs = zip(at.spectra, reference.spectra, variances, strict=True)
         return 0.5 * sum(float(s.sum_of_squares @ (1.0 / v.of(r))) for s, r, v in pairs)
 
     def least_gain(self, at: Evaluation) -> float:
-        """See `Loss`."""
+        """Gain at which a fit ends."""
         return self.converged
 
 
@@ -89,7 +72,7 @@ class WhiteLoss:
     fits_variances: ClassVar[bool] = False
 
     def normal_equations(self, at: Evaluation) -> tuple[FloatArray, FloatArray]:
-        """See `Loss`."""
+        """See `CorrelatedLoss`."""
         squares, count = self._squares(at)
         size = len(at.model.parameters)
         hessian, gradient = np.zeros((size, size)), np.zeros(size)
@@ -100,12 +83,12 @@ class WhiteLoss:
         return hessian * count / squares, gradient * count / squares
 
     def value(self, at: Evaluation, reference: Evaluation) -> float:
-        """See `Loss`."""
+        """See `CorrelatedLoss`."""
         squares, count = self._squares(reference)
         return 0.5 * count * self._squares(at)[0] / squares
 
     def least_gain(self, at: Evaluation) -> float:
-        """See `Loss`."""
+        """See `CorrelatedLoss`."""
         return self.converged * misfit(at, at, self)
 
     def _fields(self, at: Evaluation) -> list[Field]:
@@ -119,6 +102,7 @@ class WhiteLoss:
         return sum(float(np.sum(r**2)) for r in residuals), sum(r.size for r in residuals)
 
 
+Loss = CorrelatedLoss | WhiteLoss
 CORRELATED, WHITE = CorrelatedLoss(), WhiteLoss()
 TO_REPORT = CorrelatedLoss(CONVERGED_TO_REPORT)
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from dlo_ros.errors import InputError
@@ -95,12 +96,16 @@ class Recording:
 
     def until(self, stop: int) -> Recording:
         """Its first frames."""
-        if stop >= len(self.times):
-            return self
-        seen = replace(self.manipulation, observations=self.manipulation.observations[:stop])
+        return self if stop >= len(self.times) else self.of(np.arange(stop))
+
+    def of(self, frames: NDArray[np.int64]) -> Recording:
+        """Some of its frames, of which the first is the new beginning."""
+        observations = tuple(self.manipulation.observations[k] for k in frames)
+        times = self.times[frames]
         return replace(
-            self, manipulation=seen, observed=self.observed[:stop], times=self.times[:stop],
-            across=self.across[:stop], beyond=None if self.beyond is None else self.beyond[:stop],
+            self, manipulation=replace(self.manipulation, observations=observations),
+            observed=self.observed[frames], times=times - times[0], across=self.across[frames],
+            beyond=None if self.beyond is None else self.beyond[frames],
         )  # fmt: skip
 
 
@@ -117,14 +122,8 @@ def measured(manipulation: Manipulation, settings: Settings) -> Recording:
     manipulation = replace(manipulation, observations=_without_copies(manipulation.observations))
     observed = np.array([o.control_points[:, :3] for o in manipulation.observations])
     stamps = np.array([o.stamp for o in manipulation.observations], dtype=np.int64)
-    across = spline_space(observed, settings)
-    recording = Recording(
-        manipulation,
-        observed,
-        (stamps - stamps[0]) * 1e-9,
-        across,
-        np.ones(across.shape[1]),
-    )
+    across, times = spline_space(observed, settings), (stamps - stamps[0]) * 1e-9
+    recording = Recording(manipulation, observed, times, across, np.ones(across.shape[1]))
     return _with_points(recording, settings.rod.length)
 
 
@@ -158,15 +157,7 @@ def without_gross(recording: Recording, missed: FloatArray) -> Recording:
     gross[-len(missed) :] = outliers(recording.observed[-len(missed) :], missed)
     if not 0 < gross.sum() <= MOST_GROSS * len(gross):
         return recording
-    keep = ~gross
-    seen = recording.manipulation.observations
-    observations = tuple(o for o, k in zip(seen, keep, strict=True) if k)
-    times = recording.times[keep]
-    return replace(
-        recording, manipulation=replace(recording.manipulation, observations=observations),
-        observed=recording.observed[keep], times=times - times[0], across=recording.across[keep],
-        beyond=None if recording.beyond is None else recording.beyond[keep],
-    )  # fmt: skip
+    return recording.of(np.flatnonzero(~gross))
 
 
 def _without_copies(observations: Sequence[Observation]) -> tuple[Observation, ...]:
@@ -192,13 +183,9 @@ def spline_space(observed: FloatArray, settings: Settings) -> FloatArray:
         )
     basis = SplineBasis(n, length)
     u, weight = basis.quadrature()
-    values, slopes = basis.matrix(u), basis.matrix(u, 1)
-    tangent = np.einsum("qn,fnc->fqc", slopes, observed)
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=2, keepdims=True), 1e-12)
-    normal, tangent, binormal = directions(tangent)
-    fields = [normal, tangent]
-    if np.abs(observed[:, :, 1]).max() > 1e-6 * length:
-        fields.append(binormal)
+    values = basis.matrix(u)
+    planar = np.abs(observed[:, :, 1]).max() <= 1e-6 * length
+    fields = directions(basis.matrix(u, 1) @ observed)[: 2 if planar else 3]
     project = np.linalg.inv(whitening(n, length)) @ (values * weight[:, None]).T / length  # (n, q)
     parts = [np.einsum("kq,fqc,qn->fknc", project, d, values, optimize=True) for d in fields]
     return np.concatenate(parts, axis=1)

@@ -83,10 +83,7 @@ class Operator:
         Args:
             change: [m], shape (..., n, 3).
         """
-        size = self.rows.shape[1]
-        flat = change.reshape(*change.shape[:-2], 3 * size)
-        result = flat @ self.rows.reshape(3 * size, 3 * size).T
-        return np.asarray(result.reshape(*change.shape[:-2], 3, size))
+        return np.tensordot(change, self.rows, ((-2, -1), (2, 3)))
 
     def in_space(self, numbers: FloatArray) -> FloatArray:
         """Numbers (..., 3, n) as vectors of the board frame, shape (..., n, 3)."""
@@ -127,8 +124,9 @@ def directions(tangent: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]
     """Unit vectors across the DLO in the board's plane, along it, and out of the plane.
 
     Args:
-        tangent: unit tangents, shape (..., 3).
+        tangent: tangents of any length, shape (..., 3).
     """
+    tangent = tangent / np.maximum(np.linalg.norm(tangent, axis=-1, keepdims=True), 1e-12)
     x, y, z = (tangent[..., k] for k in range(3))
     # In the board's plane, or in space by the shortest way from there.
     size = np.hypot(x, z)
@@ -160,7 +158,7 @@ def _operator(observation: Observation, basis: SplineBasis) -> Operator | None:
         return None
     place = place - _not_followed(basis, u, apart)
     slopes = table.slopes(np.concatenate([u, basis.greville]))
-    frames = np.stack(directions(_unit(slopes @ shape)), axis=1)
+    frames = np.stack(directions(slopes @ shape), axis=1)
     frame, turn = frames[: len(u)], frames[len(u) :]  # (m, 3, 3), (n, 3, 3)
     weighted = b / (std**2)[:, None]
     values, vectors = np.linalg.eigh(weighted.T @ b)
@@ -205,7 +203,3 @@ def _lost(basis: SplineBasis, finer: SplineBasis) -> FloatArray:
     """Matrix from a finer spline to what its projection onto a basis loses, shape (m, m)."""
     kept = finer.projection(basis) @ basis.projection(finer)
     return np.asarray(np.eye(len(kept)) - kept)
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12))

@@ -10,13 +10,14 @@ from __future__ import annotations
 import importlib
 import logging
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from multiprocessing import get_context
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from dlo_ros.errors import InputError, SimulationError
 
@@ -29,21 +30,27 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-class Pool(Protocol):
+class Pool(ABC):
     """Something that does the same work on many items."""
+
+    @abstractmethod
+    def results(
+        self, work: Callable[[Item], Result], items: Sequence[Item]
+    ) -> Iterator[tuple[int, Result]]:
+        """Each result with the number of its item, as it comes."""
 
     def map(
         self,
         work: Callable[[Item], Result],
         items: Sequence[Item],
-        done: Callable[[int, Result], None] = ...,
+        done: Callable[[int, Result], None] = lambda index, result: None,
     ) -> list[Result]:
         """Results in the order of the items; `done` is told each as it comes."""
-        ...
-
-
-def ignore(index: int, result: object) -> None:
-    """Nothing to be told."""
+        found: dict[int, Result] = {}
+        for k, result in self.results(work, items):
+            found[k] = result
+            done(k, result)
+        return [found[k] for k in range(len(items))]
 
 
 _most: ContextVar[int | None] = ContextVar("most", default=None)
@@ -60,31 +67,22 @@ def at_most(threads: int) -> Iterator[None]:
         _most.reset(before)
 
 
-class Threads:
+class Threads(Pool):
     """Threads of this process: compiled code runs side by side in them."""
 
-    def map(
-        self,
-        work: Callable[[Item], Result],
-        items: Sequence[Item],
-        done: Callable[[int, Result], None] = ignore,
-    ) -> list[Result]:
+    def results(
+        self, work: Callable[[Item], Result], items: Sequence[Item]
+    ) -> Iterator[tuple[int, Result]]:
         """See `Pool`."""
         threads = min(len(items), _most.get() or os.cpu_count() or 1)
-        results: list[Result] = []
-        if threads < 2:
-            for k, item in enumerate(items):
-                results.append(work(item))
-                done(k, results[-1])
-            return results
+        if threads < 2:  # in the caller's thread, where `at_most` holds for what `work` starts
+            yield from enumerate(map(work, items))
+            return
         with ThreadPoolExecutor(threads) as pool:
-            for k, result in enumerate(pool.map(work, items)):
-                results.append(result)
-                done(k, result)
-        return results
+            yield from enumerate(pool.map(work, items))
 
 
-class Processes:
+class Processes(Pool):
     """Worker processes of this machine.
 
     Args:
@@ -98,50 +96,40 @@ class Processes:
     def _new(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(self._count, mp_context=get_context("spawn"))
 
-    def map(
-        self,
-        work: Callable[[Item], Result],
-        items: Sequence[Item],
-        done: Callable[[int, Result], None] = ignore,
-    ) -> list[Result]:
+    def results(
+        self, work: Callable[[Item], Result], items: Sequence[Item]
+    ) -> Iterator[tuple[int, Result]]:
         """See `Pool`.
 
         Raises:
             SimulationError: workers keep dying.
         """
-        results: dict[int, Result] = {}
+        missing = list(range(len(items)))
         for _ in range(ATTEMPTS):
-            missing = [k for k in range(len(items)) if k not in results]
-            if not missing:
-                break
-            died = False
             futures: dict[int, Future[Result]] = {}
-            try:
+            with suppress(BrokenProcessPool):
                 for k in missing:
                     futures[k] = self._pool.submit(work, items[k])
-            except BrokenProcessPool:
-                died = True
             for k, future in futures.items():
                 try:
-                    results[k] = future.result()
+                    result = future.result()
                 except BrokenProcessPool:
-                    died = True
                     continue
-                done(k, results[k])
-            if died:
-                LOG.warning("a worker process has died; its work is done again")
-                self._pool.shutdown(wait=False, cancel_futures=True)
-                self._pool = self._new()
-        if len(results) < len(items):
-            raise SimulationError("worker processes keep dying; is there enough memory?")
-        return [results[k] for k in range(len(items))]
+                missing.remove(k)
+                yield k, result
+            if not missing:
+                return
+            LOG.warning("a worker process has died; its work is done again")
+            self._pool.shutdown(wait=False, cancel_futures=True)
+            self._pool = self._new()
+        raise SimulationError("worker processes keep dying; is there enough memory?")
 
     def close(self) -> None:
         """End the workers."""
         self._pool.shutdown(cancel_futures=True)
 
 
-class Cluster:
+class Cluster(Pool):
     """Workers of a Dask cluster.
 
     Args:
@@ -164,19 +152,20 @@ class Cluster:
             raise InputError(f"{address}: no Dask scheduler answers there ({err})") from err
         self._completed = distributed.as_completed
 
-    def map(
-        self,
-        work: Callable[[Item], Result],
-        items: Sequence[Item],
-        done: Callable[[int, Result], None] = ignore,
-    ) -> list[Result]:
+    def results(
+        self, work: Callable[[Item], Result], items: Sequence[Item]
+    ) -> Iterator[tuple[int, Result]]:
         """See `Pool`; the scheduler gives the work of a lost worker to another one."""
         futures = [self._client.submit(work, item, pure=False, retries=ATTEMPTS) for item in items]
         place = {future.key: k for k, future in enumerate(futures)}
+        failed = []
         for future in self._completed(futures, loop=self._client.loop):
             if future.status == "finished":
-                done(place[future.key], future.result())
-        return [future.result() for future in futures]
+                yield place[future.key], future.result()
+            else:
+                failed.append(future)
+        for future in failed:
+            future.result()  # which raises what went wrong
 
     def close(self) -> None:
         """Leave the cluster, which goes on."""

@@ -57,9 +57,8 @@ def scene(settings: Settings, names: Sequence[str], predicted: Sequence[FloatArr
     u = np.linspace(0.02, 0.98, 50) * length
     largest, points = [], []
     for shapes in predicted:
-        points.append(np.einsum("qn,fnc->fqc", basis.matrix(u), shapes[..., :3]).reshape(-1, 3))
-        slope = np.einsum("qn,fnc->fqc", basis.matrix(u, 1), shapes[..., :3])
-        bend = np.einsum("qn,fnc->fqc", basis.matrix(u, 2), shapes[..., :3])
+        place, slope, bend = (basis.matrix(u, order) @ shapes[..., :3] for order in range(3))
+        points.append(place.reshape(-1, 3))
         speed = np.linalg.norm(slope, axis=2)
         largest.append((np.linalg.norm(np.cross(slope, bend), axis=2) / speed**3).max(axis=1))
     reached = np.concatenate(points)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from scipy.fft import dct
@@ -112,21 +112,25 @@ def spectrum(residual: FloatArray, jacobian: FloatArray, control_points: int) ->
     both = both.reshape(frames, -1, width // n, n).transpose(2, 3, 0, 1)
     both = np.ascontiguousarray(both)  # (parts, n, F, 1 + P)
     groups = list(pairwise([*(g for g in MODE_GROUPS if g < n), n]))
-    smooth, own = ([float(x[a:b].mean()) for a, b in groups] for x in (shares, nodal))
-    products: list[FloatArray] = []
-    rows: list[tuple[int, int, float, float, float]] = []
-    for low, high in bands(frames):
-        frequency = np.pi * 0.5 * (low + high - 1) / frames
-        for part in range(width // n):
-            for (first, last), share, alone in zip(groups, smooth, own, strict=True):
-                x = both[part, first:last, low:high].reshape(-1, both.shape[3])
-                products.append(x.T @ x)
-                rows.append((len(x), part, share, alone, frequency))
-    product = np.array(products)  # (B, 1 + P, 1 + P)
-    count, parts, share_of, owns, frequencies = zip(*rows, strict=True)
-    frequency = np.array(frequencies)
+    bins = list(product(bands(frames), range(width // n), groups))
+    values = [
+        both[part, first:last, low:high].reshape(-1, both.shape[3])
+        for (low, high), part, (first, last) in bins
+    ]
+    products = np.array([x.T @ x for x in values])  # (B, 1 + P, 1 + P)
+    again = len(bins) // len(groups)
+    share, alone = (np.tile([x[a:b].mean() for a, b in groups], again) for x in (shares, nodal))
+    frequency = np.array([np.pi * 0.5 * (low + high - 1) / frames for (low, high), _, _ in bins])
     return Spectrum(
-        frames, np.array(count, dtype=np.float64), product[:, 0, 0], product[:, 0, 1:],
-        product[:, 1:, 1:], np.array(parts), np.array(share_of), np.full(len(rows), 1.0 / n),
-        np.array(owns), frequency, np.where(frequency == 0.0, float(frames), 0.0),
-    )  # fmt: skip
+        frames,
+        count=np.array([len(x) for x in values], dtype=np.float64),
+        sum_of_squares=products[:, 0, 0],
+        gradient=products[:, 0, 1:],
+        hessian=products[:, 1:, 1:],
+        part=np.array([part for _, part, _ in bins]),
+        share=share,
+        white=np.full(len(bins), 1.0 / n),
+        nodal=alone,
+        frequency=frequency,
+        still=np.where(frequency == 0.0, float(frames), 0.0),
+    )

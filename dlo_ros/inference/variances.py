@@ -83,10 +83,8 @@ class Variances:
 
 def _components(bins: Spectrum, memory: float, noise_memory: FloatArray) -> FloatArray:
     """Variance in each bin of each component with a variance of one, shape (5, B)."""
-    noise, fading = (
-        ar1_spectral_density(noise_memory[bins.part], bins.frequency),
-        ar1_spectral_density(memory, bins.frequency),
-    )
+    noise = ar1_spectral_density(noise_memory[bins.part], bins.frequency)
+    fading = ar1_spectral_density(memory, bins.frequency)
     return np.array(
         [
             noise * bins.white, noise * bins.nodal, fading * bins.share, bins.still * bins.share,
@@ -121,8 +119,7 @@ def posterior(
         precision: inverse variances of the prior, shape (P,).
     """
     v = np.concatenate([v.of(s) for s, v in zip(spectra, variances, strict=True)])
-    value, step, covariance, _ = _marginal_likelihood(joined(spectra), v, offset, precision)
-    return Posterior(step, covariance, -value)
+    return _marginal_likelihood(joined(spectra), v, offset, precision)[0]
 
 
 def widened_covariance(
@@ -158,8 +155,8 @@ def widened_covariance(
 
 def _marginal_likelihood(
     bins: Spectrum, v: FloatArray, offset: FloatArray, precision: FloatArray
-) -> tuple[float, FloatArray, FloatArray, FloatArray]:
-    """Minus the log marginal likelihood, step, covariance, and its derivatives by variances."""
+) -> tuple[Posterior, FloatArray]:
+    """The posterior, and the derivatives of minus the log marginal likelihood by variances."""
     each, hessian = 1.0 / v, bins.hessian.reshape(len(v), -1)
     lhs = np.diag(precision) + (each @ hessian).reshape(len(precision), -1)
     rhs = precision * offset + each @ bins.gradient
@@ -177,7 +174,7 @@ def _marginal_likelihood(
     value += 2.0 * float(np.sum(np.log(np.diag(factor))) - np.sum(np.log(scale)))
     spread = covariance + np.outer(step, step)
     left = bins.sum_of_squares - 2.0 * bins.gradient @ step + hessian @ spread.ravel()
-    return 0.5 * value, step, covariance, 0.5 * each * (bins.count - left * each)
+    return Posterior(step, covariance, -0.5 * value), 0.5 * each * (bins.count - left * each)
 
 
 def fit_variances(
@@ -218,14 +215,12 @@ def fit_variances(
 def guess(spectrum: Spectrum, length: float) -> Variances:
     """Variances from the residuals as they are."""
     least = (LEAST_NOISE * length) ** 2
-    high = spectrum.frequency > 0.5 * np.pi
-    rough = high & (spectrum.share < SMALL_SHARE)
+    high, detail = spectrum.frequency > 0.5 * np.pi, spectrum.share < SMALL_SHARE
     still = spectrum.frequency == 0.0
     white, fading, staying = [], [], []
     for part in range(spectrum.parts):
         mine = spectrum.part == part
-        pick = mine & rough if np.any(mine & rough) else mine & (spectrum.share < SMALL_SHARE)
-        pick = pick if np.any(pick) else mine
+        pick = next(p for p in (mine & high & detail, mine & detail, mine) if p.any())
         each = float(np.sum(spectrum.sum_of_squares[pick]) / np.sum(spectrum.count[pick]))
         white.append(max(each / float(spectrum.white[0]), least))
         fading.append(max(float(np.sum(spectrum.sum_of_squares[mine])) / spectrum.frames, least))
@@ -240,14 +235,10 @@ def guess(spectrum: Spectrum, length: float) -> Variances:
 
 def _packed(found: Sequence[Variances]) -> FloatArray:
     """Logarithms: each recording's white noise, what is common to all, and the memories."""
-    nodal = np.mean([v.nodal for v in found], axis=0)
-    fading = np.mean([v.fading for v in found], axis=0)
-    lasting = np.mean([v.lasting for v in found], axis=0)
-    rough = np.mean([v.rough for v in found], axis=0)
-    own = [np.log(v.white) for v in found]
-    common = [np.log(nodal), np.log(fading), np.log(lasting), np.log(rough)]
+    own = np.array([v.white for v in found])
+    common = np.mean([[v.nodal, v.fading, v.lasting, v.rough] for v in found], axis=0)
     memories = np.log1p(-np.array([found[0].memory, *found[0].noise_memory]))
-    return np.concatenate([*own, *common, memories])
+    return np.concatenate([np.log([*own, *common]).ravel(), memories])
 
 
 def _rows(spectra: Sequence[Spectrum]) -> np.ndarray:
@@ -260,13 +251,9 @@ def _rows(spectra: Sequence[Spectrum]) -> np.ndarray:
 
 def _unpacked(x: FloatArray, spectra: Sequence[Spectrum]) -> tuple[Variances, ...]:
     parts = spectra[0].parts
-    sizes, memory, noise_memory = _parted(x, parts)
+    sizes, *memories = _parted(x, parts)
     rows = sizes.reshape(-1, parts)
-    nodal, fading, lasting, rough = rows[len(spectra) :]
-    return tuple(
-        Variances(rows[k], nodal, fading, lasting, rough, memory, noise_memory)
-        for k in range(len(spectra))
-    )
+    return tuple(Variances(own, *rows[len(spectra) :], *memories) for own in rows[: len(spectra)])
 
 
 def _parted(x: FloatArray, parts: int) -> tuple[FloatArray, float, FloatArray]:
@@ -298,11 +285,7 @@ def _missed(
 
 
 def _bounds(spectra: Sequence[Spectrum], missed: Sequence[float], length: float) -> FloatArray:
-    """Bounds of the packed numbers, shape (m, 2).
-
-    Args:
-        missed: see `_missed`.
-    """
+    """Bounds of the packed numbers, shape (m, 2)."""
     low, high = 2.0 * np.log(LEAST_NOISE * length), 2.0 * np.log(LARGEST * length)
     parts = spectra[0].parts
     separable = max(s.frames for s in spectra) >= FEWEST_FRAMES
@@ -323,14 +306,11 @@ def _cost(
     """Minus the log marginal likelihood, its derivatives by the packed numbers, and information.
 
     The information is the expected one, as if no parameter of the model were fitted.
-
-    Args:
-        rows: see `_rows`.
     """
     sizes, memory, noise_memory = _parted(x, bins.parts)
     parts = sizes[rows] * _components(bins, memory, noise_memory)
     variance = parts.sum(axis=0)
-    value, _, _, slope = _marginal_likelihood(bins, variance, offset, precision)
+    found, slope = _marginal_likelihood(bins, variance, offset, precision)
     changes, bin_ = np.zeros((len(x), len(variance))), np.arange(len(variance))
     for row, part in zip(rows, parts, strict=True):
         changes[row, bin_] += part
@@ -339,7 +319,7 @@ def _cost(
     faster = -(parts[0] + parts[1]) * ar1_rate(noise_memory[bins.part], bins.frequency)
     changes[place + 1 + bins.part, bin_] = faster
     relative = changes * np.sqrt(0.5 * bins.count) / variance
-    return value, changes @ slope, relative @ relative.T
+    return -found.evidence, changes @ slope, relative @ relative.T
 
 
 def ar1_rate(memory: float | FloatArray, frequency: FloatArray) -> FloatArray:

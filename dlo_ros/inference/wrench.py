@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
+from scipy.linalg import block_diag
 from scipy.optimize import minimize
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
@@ -37,6 +38,8 @@ UNUSED = 1e12
 """Factor of the variance of what is not to count."""
 SIDE = 0.01
 """Time to either side over which a grip's acceleration is taken [s]."""
+TORQUE = np.arange(6) >= 3
+"""Which components of a force and torque are those of the torque."""
 
 
 @dataclass(frozen=True)
@@ -105,59 +108,43 @@ def wrench_field(
     found = found & ~shaken(measured, stamps)
     rod, stated = settings.rod, settings.wrench
     weight = rod.linear_density * rod.length * max(float(np.linalg.norm(settings.gravity)), 1e-9)
-    size = np.abs(predicted).max(axis=0) / weight / np.array([1.0] * 3 + [rod.length] * 3)
-    active = size > 1e-6
+    usual = weight * np.where(TORQUE, rod.length, 1.0)
+    active = np.abs(predicted).max(axis=0) > 1e-6 * usual
     if not found.any() or not active.any():
         return None
     times = (np.asarray(stamps) - stamps[0]) / NANOSECONDS
-    own = scatter(measured)
     lever = LEVER * rod.length
-    if stated.force_std > 0.0:
-        lever_std = stated.torque_std / stated.force_std or lever
-        own = np.where(np.arange(6) < 3, stated.force_std, lever_std * stated.force_std)
-    elif stated.torque_std > 0.0:
-        own = np.where(np.arange(6) < 3, own, stated.torque_std)
+    torque_std = stated.torque_std or lever * stated.force_std
+    own = scatter(measured)
+    own = np.where(TORQUE, torque_std or own, stated.force_std or own)
     bias = stated.force_bias_std
     if bias > 0.0:
         both = stated.force_std > 0.0 and stated.torque_std > 0.0
         twist = bias * (stated.torque_std / stated.force_std if both else lever)
     else:  # not known: as large as what is measured
-        force, torque = (np.sqrt(np.mean(values[found][:, p] ** 2)) for p in (_FORCE, _TORQUE))
+        force, torque = (np.sqrt(np.mean(values[found][:, p] ** 2)) for p in (~TORQUE, TORQUE))
         bias = max(float(force), weight)
         twist = max(float(torque), lever * bias)
     axes = _axes(measured, stamps)
-    columns = [_placed(axes[:, :, i] * bias, None) for i in range(3)]
-    columns += [_placed(None, axes[:, :, i] * twist) for i in range(3)]
-    offsets = [True] * 6
+    constant = np.zeros((len(stamps), 6, 6))
+    constant[:, :3, :3], constant[:, 3:, 3:] = bias * axes, twist * axes
+    columns = [constant]
     if stated.delay_std > 0.0 and len(times) > 2:
-        columns.append(-stated.delay_std * np.gradient(predicted, times, axis=0))
+        columns.append(-stated.delay_std * np.gradient(predicted, times, axis=0)[:, :, None])
     if stated.tool_mass_std > 0.0:
-        columns += _tool(measured.end, axes, stamps, settings, commands, lever)
-    columns += list(more)
-    offsets += [False] * (len(columns) - 6)
-    usual = weight * np.array([1.0] * 3 + [rod.length] * 3)
+        columns.append(_tool(measured.end, axes, stamps, settings, commands, lever))
+    nuisances = np.concatenate([*columns, *(c[:, :, None] for c in more)], axis=2)
     white = np.maximum(own * float(np.sqrt(np.mean(share[found] ** 2))), LEAST_NOISE * usual)
     return WrenchField(
         name,
         (values - predicted)[found][:, active],
         derivative[found][:, active],
-        np.stack(columns, axis=2)[found][:, active],
-        np.array(offsets),
-        (np.arange(6) >= 3)[active],
+        nuisances[found][:, active],
+        np.arange(nuisances.shape[2]) < 6,
+        TORQUE[active],
         white[active],
         usual[active],
     )
-
-
-_FORCE, _TORQUE = slice(0, 3), slice(3, 6)
-
-
-def _placed(force: FloatArray | None, torque: FloatArray | None) -> FloatArray:
-    """A column (F, 6) of its halves; None is zero."""
-    other = force if torque is None else torque
-    assert other is not None
-    zero = np.zeros_like(other)
-    return np.hstack([zero if force is None else force, zero if torque is None else torque])
 
 
 def _axes(measured: Wrenches, stamps: Sequence[int]) -> FloatArray:
@@ -169,15 +156,17 @@ def _axes(measured: Wrenches, stamps: Sequence[int]) -> FloatArray:
 def _tool(
     end: str, axes: FloatArray, stamps: Sequence[int], settings: Settings,
     commands: Sequence[Command], lever: float,
-) -> list[FloatArray]:  # fmt: skip
-    """What a mass between sensor and DLO adds, tared at rest; none where it stays so."""
+) -> FloatArray:  # fmt: skip
+    """What a mass between sensor and DLO adds, tared at rest, shape (F, 6, 4): its weight and
+    inertia, and the torque of these by its place along each axis; (F, 6, 0) where it stays so.
+    """
     motion, mass = Motion(list(commands)), settings.wrench.tool_mass_std
-    side, places = round(SIDE * NANOSECONDS), []
+    side, places, none = round(SIDE * NANOSECONDS), [], np.zeros((len(stamps), 6, 0))
     for stamp in stamps:
         command = motion.at(int(stamp))
         k = None if command is None else command.held(end, settings.rod.control_points)
         if command is None or k is None:
-            return []
+            return none
         a, b, c = (command.sample(int(stamp) + s)[0][k] for s in (-side, 0, side))
         places.append((a - 2.0 * b + c) / SIDE**2)
     weight = -np.array(settings.gravity)
@@ -185,20 +174,18 @@ def _tool(
     # Tared at rest, in the sensor's axes as they are at the first shape: a motion may begin there.
     tared = pull - axes @ (axes[0].T @ weight)
     if not np.abs(tared).max() > 1e-6:
-        return []
-    result = [mass * _placed(tared, None)]
-    for i in range(3):
-        turn = np.cross(axes[:, :, i], pull)
-        turn -= axes @ (axes[0].T @ np.cross(axes[0, :, i], weight))
-        result.append(mass * lever * _placed(None, turn))
+        return none
+    turn = np.cross(axes, pull[:, :, None], axis=1)
+    turn -= axes @ (axes[0].T @ np.cross(axes[0], weight[:, None], axis=0))
+    result = np.zeros((len(stamps), 6, 4))
+    result[:, :3, 0], result[:, 3:, 1:] = mass * tared, mass * lever * turn
     return result
 
 
 def expected(field: WrenchField) -> FloatArray:
     """Information (P, P) of forces with their stated noise alone, before they are measured."""
-    transformed = _Transformed.of(field)
     variance = np.broadcast_to(field.white**2, field.residual.shape)
-    return transformed.information(variance, field).information
+    return _with_variance(field, variance).information
 
 
 def wrench_information(
@@ -210,8 +197,7 @@ def wrench_information(
         offset: expected logarithms minus those at which the derivatives are taken, shape (P,).
         precision: precision of that expectation, shape (P, P).
     """
-    transformed = _Transformed.of(field)
-    return transformed.information(transformed.fitted(offset, precision), field)
+    return _with_variance(field, _fitted_variance(field, offset, precision))
 
 
 def from_change(field: WrenchField, variance: FloatArray) -> FloatArray:
@@ -222,7 +208,7 @@ def from_change(field: WrenchField, variance: FloatArray) -> FloatArray:
     """
     factor = np.where(field.offsets, UNBIASED, 1.0)
     unknown = replace(field, nuisances=field.nuisances * factor)
-    return _Transformed.of(unknown).information(variance, unknown).information
+    return _with_variance(unknown, variance).information
 
 
 def from_mean(field: WrenchField, variance: FloatArray) -> FloatArray:
@@ -232,109 +218,74 @@ def from_mean(field: WrenchField, variance: FloatArray) -> FloatArray:
         variance: see `WrenchInformation`.
     """
     changing = np.arange(len(variance))[:, None] > 0
-    only = np.where(changing, UNUSED * variance, variance)
-    return _Transformed.of(field).information(only, field).information
+    return _with_variance(field, np.where(changing, UNUSED * variance, variance)).information
 
 
-@dataclass(frozen=True)
-class _Transformed:
-    """A field in the cosine transform over time.
+def _transformed(field: WrenchField) -> tuple[FloatArray, FloatArray]:
+    """Residual (F, C), and derivatives beside nuisances (F, C, P + Q), transformed over time."""
+    columns = np.concatenate([field.derivative, field.nuisances], axis=2)
+    return dct(field.residual, axis=0, norm="ortho"), dct(columns, axis=0, norm="ortho")
 
-    Args:
-        r, j, z: residual (F, C), derivative (F, C, P), nuisances (F, C, Q).
-        frequency: radians per frame, shape (F,).
-        kinds: 0 for forces, 1 for torques, shape (C,).
-        white, scale: see `WrenchField`.
+
+def _fitted_variance(field: WrenchField, offset: FloatArray, precision: FloatArray) -> FloatArray:
+    """Variances (F, C) that maximise the marginal likelihood.
+
+    They follow from five numbers: ln of the white part over the stated one, of forces and torques;
+    ln of the fading part over the weight, likewise; ln (1 - memory).
     """
+    residual, columns = _transformed(field)
+    r, flat = residual.ravel(), columns.reshape(residual.size, -1)
+    prior = block_diag(precision, np.eye(field.nuisances.shape[2]))
+    pull = prior[:, : len(offset)] @ offset
+    frequency = np.pi * np.arange(len(residual)) / len(residual)
+    kind, kinds = field.torque.astype(np.int64), np.array([~field.torque, field.torque])
 
-    r: FloatArray
-    j: FloatArray
-    z: FloatArray
-    frequency: FloatArray
-    kinds: NDArray[np.int64]
-    white: FloatArray
-    scale: FloatArray
+    def parts(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        white, fading = np.exp(2.0 * x[:2])[kind], np.exp(2.0 * x[2:4])[kind]
+        density = ar1_spectral_density(float(-np.expm1(x[4])), frequency)
+        return field.white**2 * white, np.outer(density, field.scale**2 * fading)
 
-    @classmethod
-    def of(cls, field: WrenchField) -> _Transformed:
-        """Those of one end."""
-        count = len(field.residual)
-        r, j, z = (
-            np.asarray(dct(x, axis=0, norm="ortho"), dtype=np.float64)
-            for x in (field.residual, field.derivative, field.nuisances)
+    def cost(x: FloatArray) -> tuple[float, FloatArray]:
+        white, fading = parts(x)
+        v = white + fading
+        weighted = flat / v.ravel()[:, None]
+        lhs = prior + weighted.T @ flat
+        rhs = pull + weighted.T @ r
+        inverse = np.linalg.inv(lhs)
+        best = inverse @ rhs
+        value = float(np.sum(np.log(v)) + r**2 @ (1.0 / v.ravel()))
+        value += float(np.linalg.slogdet(lhs)[1] - rhs @ best)
+        left = (r - flat @ best) ** 2 + np.einsum("kp,kp->k", flat @ inverse, flat)
+        slope = 1.0 / v - left.reshape(v.shape) / v**2  # twice that by the variances
+        forgotten = ar1_rate(float(-np.expm1(x[4])), frequency) @ (slope * fading)
+        lacking = np.exp(2.0 * x[2:4]) / LACKING**2
+        return 0.5 * value + 0.5 * float(lacking.sum()), np.array(
+            [
+                *kinds @ (slope * white).sum(axis=0),
+                *kinds @ (slope * fading).sum(axis=0) + lacking,
+                -0.5 * float(np.sum(forgotten)),
+            ]
         )
-        frequency = np.pi * np.arange(count) / count
-        kinds = field.torque.astype(np.int64)
-        return cls(r, j, z, frequency, kinds, field.white, field.scale)
 
-    def variance(self, x: FloatArray) -> FloatArray:
-        """Variances (F, C) of five numbers.
+    start = np.array([0.0, 0.0, np.log(1e-3), np.log(1e-3), np.log(0.1)])
+    low = np.log(1e-7)
+    bounds = [(0.0, 0.0 if len(residual) < FEWEST_FRAMES else 6.0)] * 2 + [(low, 0.0)] * 2
+    bounds += [(float(np.log1p(-LONGEST_MEMORY)), float(np.log(0.9)))]
+    found = minimize(
+        cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40}
+    )
+    return np.add(*parts(found.x))
 
-        ln of the white part over the stated one, of forces and torques; ln of the fading part over
-        the weight, likewise; ln (1 - memory).
-        """
-        white = self.white**2 * np.exp(2.0 * x[:2])[self.kinds]
-        fading = self.scale**2 * np.exp(2.0 * x[2:4])[self.kinds]
-        memory = float(-np.expm1(x[4]))
-        return np.asarray(white + ar1_spectral_density(memory, self.frequency)[:, None] * fading)
 
-    def _slopes(self, x: FloatArray, by: FloatArray) -> FloatArray:
-        """Derivatives by the five numbers, from those by the variances (F, C)."""
-        memory = float(-np.expm1(x[4]))
-        fading = self.scale**2 * np.exp(2.0 * x[2:4])[self.kinds]
-        each = 2.0 * by * self.white**2 * np.exp(2.0 * x[:2])[self.kinds]
-        other = 2.0 * by * ar1_spectral_density(memory, self.frequency)[:, None] * fading
-        kinds = [self.kinds == k for k in (0, 1)]
-        parts = [float(e[:, k].sum()) for e in (each, other) for k in kinds]
-        return np.array([*parts, -0.5 * float(np.sum(ar1_rate(memory, self.frequency) @ other))])
-
-    def fitted(self, offset: FloatArray, precision: FloatArray) -> FloatArray:
-        """Variances that maximise the marginal likelihood."""
-        q = self.z.shape[2]
-        columns = np.concatenate([self.j, self.z], axis=2)
-        prior = np.zeros((len(offset) + q,) * 2)
-        prior[: len(offset), : len(offset)] = precision
-        prior[len(offset) :, len(offset) :] = np.eye(q)
-        mean = np.concatenate([offset, np.zeros(q)])
-        few = len(self.r) < FEWEST_FRAMES
-
-        flat = columns.reshape(-1, len(prior))
-        r = self.r.ravel()
-
-        def cost(x: FloatArray) -> tuple[float, FloatArray]:
-            v = self.variance(x)
-            weighted = flat / v.ravel()[:, None]
-            lhs = prior + weighted.T @ flat
-            rhs = prior @ mean + weighted.T @ r
-            inverse = np.linalg.inv(lhs)
-            best = inverse @ rhs
-            value = float(np.sum(np.log(v)) + r**2 @ (1.0 / v.ravel()))
-            value += float(np.linalg.slogdet(lhs)[1] - rhs @ best)
-            left = (r - flat @ best) ** 2 + np.einsum("kp,kp->k", flat @ inverse, flat)
-            slope = self._slopes(x, 0.5 * (1.0 / v - left.reshape(v.shape) / v**2))
-            lacking = np.exp(2.0 * x[2:4]) / LACKING**2
-            slope[2:4] += lacking
-            return 0.5 * value + 0.5 * float(lacking.sum()), slope
-
-        start = np.array([0.0, 0.0, np.log(1e-3), np.log(1e-3), np.log(0.1)])
-        low = np.log(1e-7)
-        bounds = [(0.0, 0.0 if few else 6.0)] * 2 + [(low, 0.0)] * 2
-        bounds += [(float(np.log1p(-LONGEST_MEMORY)), float(np.log(0.9)))]
-        found = minimize(
-            cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40}
-        )
-        return self.variance(found.x)
-
-    def information(self, v: FloatArray, field: WrenchField) -> WrenchInformation:
-        """The information of the field with known variances."""
-        p = self.j.shape[2]
-        columns = np.concatenate([self.j, self.z], axis=2)
-        lhs = np.einsum("fcp,fcq->pq", columns / v[:, :, None], columns, optimize=True)
-        rhs = np.einsum("fcp,fc->p", columns, self.r / v)
-        lhs[p:, p:] += np.eye(self.z.shape[2])
-        back = np.linalg.solve(lhs[p:, p:], np.column_stack([lhs[p:, :p], rhs[p:]]))
-        information = lhs[:p, :p] - lhs[:p, p:] @ back[:, :p]
-        gradient = rhs[:p] - lhs[:p, p:] @ back[:, p]
-        left = field.residual - field.nuisances @ back[:, p]
-        size = np.sqrt(np.mean(left**2, axis=0))
-        return WrenchInformation(0.5 * (information + information.T), gradient, size, v)
+def _with_variance(field: WrenchField, v: FloatArray) -> WrenchInformation:
+    """The information of a field whose errors have known variances (F, C)."""
+    residual, columns = _transformed(field)
+    p, q = field.derivative.shape[2], field.nuisances.shape[2]
+    lhs = np.einsum("fcp,fcq->pq", columns / v[:, :, None], columns, optimize=True)
+    rhs = np.einsum("fcp,fc->p", columns, residual / v)
+    lhs[p:, p:] += np.eye(q)
+    back = np.linalg.solve(lhs[p:, p:], np.column_stack([lhs[p:, :p], rhs[p:]]))
+    information = lhs[:p, :p] - lhs[:p, p:] @ back[:, :p]
+    gradient = rhs[:p] - lhs[:p, p:] @ back[:, p]
+    left = np.sqrt(np.mean((field.residual - field.nuisances @ back[:, p]) ** 2, axis=0))
+    return WrenchInformation(0.5 * (information + information.T), gradient, left, v)

@@ -115,7 +115,7 @@ def test_single_pictures_that_are_wrong_move_no_wall():
 
 def test_a_wall_turns_about_the_point_that_is_touched():
     wall = TouchedWall(0.1, -0.2, 0.3)
-    turned, nearer = wall.moved(0.0, 0.5), wall.moved(0.01, 0.0)
+    turned, nearer = (wall.stepped(np.array(step), 0.01) for step in ((0.0, 0.5), (1.0, 0.0)))
     assert turned[:2] == wall[:2] and turned.angle == pytest.approx(0.8)
     here, there = (w.start(ROD.diameter).block for w in (wall, nearer))
     assert there["offset"] - here["offset"] == pytest.approx(0.01)

@@ -16,6 +16,7 @@ from dlo_ros.diagnosis.explain.measurement_error import _along, _staying
 from dlo_ros.diagnosis.findings import joint_outcome
 from dlo_ros.diagnosis.findings.holdout import held_out_recording, refitted
 from dlo_ros.diagnosis.findings.joint_learning import (
+    Errors,
     Learned,
     nearer,
     surprising,
@@ -109,7 +110,7 @@ def test_a_recording_that_shows_what_others_do_not_is_told(spare, held, seen, su
     errors = [None if e is None else [np.full(5, e)] for e in (held, seen)]
     training = SimpleNamespace(held_out=spare)
     explanation = SimpleNamespace(material_err=MATTERS)
-    learned = SimpleNamespace(held=errors[0], seen=errors[1], explanation=explanation)
+    learned = SimpleNamespace(err=Errors(*errors), explanation=explanation)
     assert surprising(training, learned) is surprised
 
 
@@ -307,7 +308,7 @@ def test_a_set_up_is_judged_by_how_near_it_can_come(monkeypatch, matters, causes
 def test_all_recordings_teach_where_they_come_nearer_so(held, closer):
     told = None if held is None else [np.full(4, held)]
     again = SimpleNamespace(explanation=SimpleNamespace(at=fitted_to(2e-3, 2e-3)))
-    before = Learned(None, {}, (), told, [np.full(4, 1e-3)])
+    before = Learned(None, {}, (), Errors(told, [np.full(4, 1e-3)]))
     assert nearer(again, before) == closer
 
 
@@ -337,7 +338,7 @@ def test_a_model_that_a_recording_refuses_is_dropped_and_its_set_up_kept(monkeyp
     broken = replace(setup, model=setup.model.at(theta))
     cause = Cause("clamp_angle", ("effects.clamp_angle.start",), {}, 9.0, 1e-2)
     found = Explanation(setup, broken, (cause,), 1e-4, 2e-4, 1e-5, (), ())
-    learned = Learned(found, {}, (np.zeros(len(setup.err[0]), dtype=bool),), None, None)
+    learned = Learned(found, {}, (np.zeros(len(setup.err[0]), dtype=bool),), Errors())
     real = joint_outcome.simulate
 
     def refused(model, *args, **kwargs):
@@ -366,7 +367,7 @@ def test_what_comes_no_nearer_than_the_plain_model_explains_nothing(monkeypatch)
     far, mask = np.full(len(setup.err[0]), 1.0), np.zeros(len(setup.err[0]), dtype=bool)
     monkeypatch.setattr(joint_outcome, "refitted", lambda at, _: at)
     told = joint_outcome.joint_outcome(
-        begun, begun.at, Learned(found, {}, (mask,), None, [far]), given
+        begun, begun.at, Learned(found, {}, (mask,), Errors(None, [far])), given
     )
     assert setup.mean_err < told.material_err < begun.at.mean_err
     assert told.verdict == "unexplained"

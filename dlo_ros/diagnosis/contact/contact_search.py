@@ -16,13 +16,18 @@ import numpy as np
 from scipy.optimize import minimize
 
 from dlo_ros.diagnosis.contact.peg_places import Sight, TouchedPeg, apart, places, sight
-from dlo_ros.diagnosis.contact.undisturbed import outlier_frames, robust_loss, undisturbed
+from dlo_ros.diagnosis.contact.undisturbed import (
+    Undisturbed,
+    outlier_frames,
+    robust_loss,
+    undisturbed,
+)
 from dlo_ros.diagnosis.contact.wall_places import TouchedWall, walls
 from dlo_ros.effects import Scene, Start
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, Simulated, evaluate, simulate
+from dlo_ros.inference.joint import Evaluation, evaluate, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import WHITE
 from dlo_ros.inference.measured import Recording
@@ -64,8 +69,6 @@ class _Disturbed:
     """Recordings in which the DLO may have hit something, and a model that is right before.
 
     Args:
-        settings: settings of the model.
-        recordings: drafts of the recordings.
         scale: scale of the robust loss, see `robust_loss`.
         given: the parameter file.
     """
@@ -149,8 +152,7 @@ def contacts_beside_set_up(
     before = undisturbed(drafts, given, at, scene)
     if before is None:
         return []
-    found = _contacts(drafts, given, before.at, before.scale)
-    return [ContactBesideSetUp(before.model, start) for start in found]
+    return [ContactBesideSetUp(before.model, start) for start in _contacts(drafts, given, before)]
 
 
 def _in_space(drafts: Sequence[Recording], given: Settings) -> bool:
@@ -159,25 +161,14 @@ def _in_space(drafts: Sequence[Recording], given: Settings) -> bool:
     return any(np.mean(d.observed[..., 1] ** 2) > most for d in drafts)
 
 
-def _contacts(
-    drafts: Sequence[Recording], given: Settings, consensus: Simulated, scale: float
-) -> list[Start]:
-    """The pegs and walls with which a fit to undisturbed pictures comes nearest to the others.
-
-    Args:
-        consensus: simulation of the fit to undisturbed pictures on all drafts.
-        scale: scale of the robust loss, see `robust_loss`.
-    """
-    observed = [d.observed for d in drafts]
-    wrong = outlier_frames(consensus, drafts, scale)
-    if not any(w.any() for w in wrong):
-        return []
-    settings = consensus.model.settings
-    view = sight(settings.rod, observed, consensus.predicted, wrong)
+def _contacts(drafts: Sequence[Recording], given: Settings, before: Undisturbed) -> list[Start]:
+    """The pegs and walls with which a fit to undisturbed pictures comes nearest to the others."""
+    at, settings = before.at, before.model.settings
+    wrong = outlier_frames(at, drafts, before.scale)
     disturbed = [k for k, w in enumerate(wrong) if w.any()]
-    hit = _Disturbed(settings, tuple(drafts[k] for k in disturbed), scale, given)
-    there = consensus.of(disturbed)
-    most = CLEARLY_LESS * robust_loss(there, hit.recordings, scale)
+    view = sight(settings.rod, [d.observed for d in drafts], at.predicted, wrong)
+    hit = _Disturbed(settings, tuple(drafts[k] for k in disturbed), before.scale, given)
+    most = CLEARLY_LESS * robust_loss(at.of(disturbed), hit.recordings, before.scale)
     pegs, walls_ = _best_pegs(hit, view), _best_walls(hit, view)
     best = min((loss for loss, _ in (*pegs, *walls_)), default=0.0)
     most = min(most, CERTAIN**2 * best)

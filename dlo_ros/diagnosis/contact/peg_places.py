@@ -91,11 +91,9 @@ def sight(
     """
     basis = SplineBasis(rod.control_points, rod.length)
     values = basis.matrix(np.linspace(0.04, 1.0, STATIONS) * rod.length)
-    expected = tuple(np.einsum("qn,fnc->fqc", values, p)[..., [0, 2]] for p in predicted)
-    seen = tuple(
-        np.einsum("qn,fnc->fqc", values, o)[-len(e) :, :, [0, 2]]
-        for o, e in zip(observed, expected, strict=True)
-    )
+    expected = tuple(values @ p[..., [0, 2]] for p in predicted)
+    pairs = zip(observed, expected, strict=True)
+    seen = tuple(values @ o[-len(e) :, :, [0, 2]] for o, e in pairs)
     return Sight(rod, seen, expected, tuple(wrong))
 
 
@@ -107,10 +105,9 @@ def places(view: Sight, radius: float) -> list[Place]:
     """
     thickness = 0.5 * view.rod.diameter
     away, deepest = radius + thickness, thickness + SLACK
-    everywhere = np.concatenate([s.reshape(-1, 2) for s in view.seen])
     found = []
     for centre in _beside(view, away):
-        if away - np.sqrt(np.min(np.sum((everywhere - centre) ** 2, axis=1))) > deepest:
+        if away - min(_distance(s, centre).min() for s in view.seen) > deepest:
             continue
         left, touched = 0, 0
         for s, e, wrong in zip(view.seen, view.expected, view.wrong, strict=True):
@@ -124,7 +121,7 @@ def places(view: Sight, radius: float) -> list[Place]:
 
 def _distance(points: FloatArray, centre: FloatArray) -> FloatArray:
     """Distance of the nearest point of each picture, shape (F,)."""
-    return np.asarray(np.sqrt(np.min(np.sum((points - centre) ** 2, axis=2), axis=1)))
+    return np.asarray(np.linalg.norm(points - centre, axis=2).min(axis=1))
 
 
 def _beside(view: Sight, away: float) -> Iterator[FloatArray]:

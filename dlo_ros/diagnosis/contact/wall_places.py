@@ -32,6 +32,11 @@ BEHIND = 0.01
 """Quantile of the pictures at which the observed shapes end: single ones are grossly wrong."""
 
 
+def normal(angle: float) -> FloatArray:
+    """Unit normal of a wall in x and z, shape (2,), from its angle against z [rad]."""
+    return np.array([np.sin(angle), np.cos(angle)])
+
+
 class TouchedWall(NamedTuple):
     """A straight wall through a point, which the axis of the DLO touches [m]."""
 
@@ -41,21 +46,17 @@ class TouchedWall(NamedTuple):
 
     def start(self, diameter: float) -> Start:
         """Where the fit of such a wall begins, for a DLO of a diameter [m]."""
-        normal = np.array([np.sin(self.angle), np.cos(self.angle)])
-        return StraightWall.touching(normal, float(normal @ self[:2]) - 0.5 * diameter)
-
-    def moved(self, along: float, turn: float) -> TouchedWall:
-        """The wall that is moved along its normal [m] and turned about its point [rad]."""
-        x, z = along * np.sin(self.angle), along * np.cos(self.angle)
-        return TouchedWall(self.x + float(x), self.z + float(z), self.angle + turn)
+        across = normal(self.angle)
+        return StraightWall.touching(across, float(across @ self[:2]) - 0.5 * diameter)
 
     def steps(self) -> tuple[float, ...]:
         """First steps of a search: along its normal, in units of `stepped`, and of its angle."""
         return NORMAL, TURN
 
     def stepped(self, step: FloatArray, unit: float) -> TouchedWall:
-        """The wall that is moved by a step (2,), of a unit [m], and turned."""
-        return self.moved(unit * float(step[0]), float(step[1]))
+        """The wall that is moved by a step (2,) along its normal, of a unit [m], and turned."""
+        x, z = (self[:2] + unit * step[0] * normal(self.angle)).tolist()
+        return TouchedWall(x, z, self.angle + float(step[1]))
 
 
 def walls(view: Sight) -> list[TouchedWall]:
@@ -63,27 +64,27 @@ def walls(view: Sight) -> list[TouchedWall]:
     found: list[TouchedWall] = []
     for angle in np.linspace(-np.pi, np.pi, DIRECTIONS, endpoint=False):
         touched = tangent(view, float(angle))
-        normal = np.array([np.sin(angle), np.cos(angle)])
-        edge = float(normal @ touched[:2])
-        room = edge - _farthest(view, normal, edge)
+        across = normal(angle)
+        edge = float(across @ touched[:2])
+        room = edge - _farthest(view, across, edge)
         if room > -SLACK:
             count = int(np.clip((room + SLACK) / (SPACING * view.rod.length), 2, MOST))
-            moves = (0.0, *np.linspace(SLACK, -room, count).tolist())
-            found += [touched.moved(x, 0.0) for x in moves]
+            moves = (0.0, *np.linspace(SLACK, -room, count))
+            found += [touched.stepped(np.array([x, 0.0]), 1.0) for x in moves]
     return found
 
 
 def tangent(view: Sight, angle: float) -> TouchedWall:
     """The wall of one direction [rad] at which the observed shapes end."""
     points = np.concatenate(view.seen)  # (F, STATIONS, 2)
-    coordinates = points @ np.array([np.sin(angle), np.cos(angle)])
+    coordinates = points @ normal(angle)
     nearest = coordinates.min(axis=1)
     picture = int(np.argsort(nearest)[int(BEHIND * len(nearest))])
     x, z = points[picture, np.argmin(coordinates[picture])].tolist()
     return TouchedWall(x, z, angle)
 
 
-def _farthest(view: Sight, normal: FloatArray, edge: float) -> float:
+def _farthest(view: Sight, across: FloatArray, edge: float) -> float:
     """Smallest coordinate along its normal that a wall may have [m].
 
     Args:
@@ -93,7 +94,7 @@ def _farthest(view: Sight, normal: FloatArray, edge: float) -> float:
     for seen, expected, wrong in zip(view.seen, view.expected, view.wrong, strict=True):
         if not wrong.any():
             continue
-        moves = np.abs(np.diff((seen @ normal).min(axis=1)))
-        met = float((expected[: int(np.argmax(wrong)) + 1] @ normal).min())
+        moves = np.abs(np.diff((seen @ across).min(axis=1)))
+        met = float((expected[: int(np.argmax(wrong)) + 1] @ across).min())
         result = max(result, met, edge - float(moves.max(initial=0.0)))
     return result

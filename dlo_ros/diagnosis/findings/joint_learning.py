@@ -28,9 +28,21 @@ from dlo_ros.inference.thresholds import APART, CLEARLY_LESS, FEWEST
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
-Errors = list[FloatArray] | None
-
 FINAL_ITERATIONS = 8
+
+
+@dataclass(frozen=True)
+class Errors:
+    """ERR of a model [m], shape (F,) for each recording that has any such frames.
+
+    Both are None where a recording cannot be simulated.
+
+    Args:
+        held, seen: ERR of the frames that are held out, and of the others.
+    """
+
+    held: Sequence[FloatArray] | None = None
+    seen: Sequence[FloatArray] | None = None
 
 
 @dataclass(frozen=True)
@@ -41,22 +53,20 @@ class Learned:
         explanation: explanation of the recordings learned from.
         drafts: these recordings with a coarser simulation, by their number.
         masks: frames of each recording of the beginning that are held out, shape (F,).
-        held, seen: ERR [m] of the frames that are held out, and of the others, see `errors_of`, of
-            the full model with values that know nothing of the former.
+        err: errors of the full model with values that know nothing of the frames held out.
     """
 
     explanation: Explanation
     drafts: Mapping[int, Recording]
     masks: tuple[np.ndarray, ...]
-    held: Errors
-    seen: Errors
+    err: Errors
 
     @property
     def mean_err(self) -> float | None:
         """ERR on all recordings [m], held out or not; None where one cannot be simulated."""
-        if self.held is None or self.seen is None:
+        if self.err.held is None or self.err.seen is None:
             return None
-        return holdout.mean([*self.held, *self.seen])
+        return holdout.mean([*self.err.held, *self.err.seen])
 
 
 @dataclass(frozen=True)
@@ -134,7 +144,7 @@ def learn(
         stops = [int(holdout.TRAINED * (f - 1)) + 1 for f in frames]
         learned = [r.until(s) for r, s in zip(recordings, stops, strict=True)]
     predicting = refitted(found.at, learned)
-    return Learned(found, rough, tuple(masks), *errors_of(predicting.model, recordings, masks))
+    return Learned(found, rough, tuple(masks), errors_of(predicting.model, recordings, masks))
 
 
 def all_learned_from(learned: Learned) -> bool:
@@ -149,7 +159,7 @@ def surprising(training: TrainingSet, learned: Learned) -> bool:
     """
     if training.held_out is None:
         return False
-    held, seen = holdout.mean(learned.held), holdout.mean(learned.seen)
+    held, seen = holdout.mean(learned.err.held), holdout.mean(learned.err.seen)
     if held is None or seen is None:
         return True
     return held > APART * max(seen, learned.explanation.material_err)
@@ -182,13 +192,17 @@ def refitted(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
 
 def errors_of(
     model: ParametricModel, recordings: Sequence[Recording], masks: Sequence[np.ndarray]
-) -> tuple[Errors, Errors]:
-    """ERR [m] of the frames that are held out, and of the others, per recording that has any."""
+) -> Errors:
+    """Errors of a model.
+
+    Args:
+        masks: frames of each recording that are held out, shape (F,).
+    """
     try:
         err = simulate(model, recordings, ()).err
     except SimulationError:
-        return None, None
+        return Errors()
     masks = [m[-len(e) :] for m, e in zip(masks, err, strict=True)]
     held = [e[m] for e, m in zip(err, masks, strict=True) if m.any()]
     seen = [e[~m] for e, m in zip(err, masks, strict=True) if not m.all()]
-    return held, seen
+    return Errors(held, seen)

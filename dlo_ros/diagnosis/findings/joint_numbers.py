@@ -112,19 +112,18 @@ def fitted_material(
     """
     spread, rod = widening**2 * reported_covariance(at), at.model.settings.rod
     stiffness_error = math.hypot(float(model_shift(at.model.settings, usual=True)[0]), doubt)
-    unit = {name: at.model.axis(name) for name in ("young_modulus", "density")}
-    result: list[tuple[float, float | None]] = []
-    scale_std = math.sqrt(max(float(unit["density"] @ spread @ unit["density"]), 0.0))
-    for value, c in (
-        (rod.young_modulus, unit["young_modulus"]),
-        (rod.density, unit["density"]),
-        (rod.specific_modulus, unit["young_modulus"] - unit["density"]),
-    ):
-        of_stiffness = stiffness_error * c[at.model.index("young_modulus")]
-        std = float(np.hypot(np.sqrt(max(float(c @ spread @ c), 0.0)), of_stiffness))
-        result.append((value, value * std if std < UNBOUNDED else None))
+    modulus, density = at.model.axis("young_modulus"), at.model.axis("density")
+
+    def of_data(axis: FloatArray) -> float:
+        return math.sqrt(max(float(axis @ spread @ axis), 0.0))
+
+    def known(value: float, axis: FloatArray) -> tuple[float, float | None]:
+        std = math.hypot(of_data(axis), stiffness_error * float(axis @ modulus))
+        return value, value * std if std < UNBOUNDED else None
+
     return Fitted(
-        at.model.settings, result[0], result[1], result[2], err_train, err_holdout, scale_std
+        at.model.settings, known(rod.young_modulus, modulus), known(rod.density, density),
+        known(rod.specific_modulus, modulus - density), err_train, err_holdout, of_data(density),
     )  # fmt: skip
 
 

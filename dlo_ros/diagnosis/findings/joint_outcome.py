@@ -53,6 +53,7 @@ from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import OWN
 from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
@@ -87,36 +88,6 @@ class _Final:
     shown: Simulated
 
 
-@dataclass(frozen=True)
-class _Errors:
-    """ERR of the plain model and of the full one [m], on frames held out and on the others.
-
-    Args:
-        before, after: on those held out; None where a recording cannot be simulated, or none is.
-        seen_before, seen_after: on the others.
-    """
-
-    before: Errors
-    seen_before: Errors
-    after: Errors
-    seen_after: Errors
-
-    @property
-    def missing(self) -> float | None:
-        """Error of the plain model [m]; None: not known."""
-        held = holdout.mean(self.before)
-        return holdout.mean(self.seen_before) if held is None else held
-
-    def left(self, otherwise: float) -> float:
-        """Error of the full model [m].
-
-        Args:
-            otherwise: answer where it is not known.
-        """
-        held = holdout.mean(self.after)
-        return otherwise if held is None else held
-
-
 def joint_outcome(
     beginning: Beginning, plain: Evaluation, learned: Learned, given: Settings
 ) -> Diagnosis:
@@ -136,13 +107,14 @@ def joint_outcome(
     bare_model = holdout.refitted(plain.model, first, seen, matters)
     before = errors_of(bare_model, recordings, learned.masks)
     immaterial = plain.mean_err < matters
-    suffices = not found.causes and (immaterial or _no_nearer(final.learned.seen, before[1]))
+    suffices = not found.causes and (immaterial or _no_nearer(final.learned.err.seen, before.seen))
+    after = final.learned.err
     if suffices:  # what was fitted beyond the plain model predicts nothing better
-        errors, shown = _Errors(*before, *before), plain
-    else:
-        errors = _Errors(*before, final.learned.held, final.learned.seen)
-    left = errors.left(found.at.mean_err)
-    share = _share(errors.missing, left, own)
+        after, shown = before, plain
+    seen_before, held_before = holdout.mean(before.seen), holdout.mean(before.held)
+    held_after = holdout.mean(after.held)
+    left = found.at.mean_err if held_after is None else held_after
+    share = _share(seen_before if held_before is None else held_before, left, own)
     # A recording that is held out and cannot be fitted beside the others is not explained.
     least = 0.0 if len(at.err) == len(first) else left
     if suffices:
@@ -154,7 +126,7 @@ def joint_outcome(
     verdict = _verdict(
         setup, max(reached, least), matters, found.nameable_err, found.causes, _of_itself(found)
     )
-    missed = (holdout.mean(errors.seen_before) or 0.0) - own
+    missed = (seen_before or 0.0) - own
     related_before = related_after = None
     if verdict == "unexplained":
         related_before, related_after = (
@@ -167,16 +139,14 @@ def joint_outcome(
         else f"{_percent(share)} of what the plain model misses beyond the measurement's own error "
         f"is explained; {_mm(left)} remain, and {_mm(matters)} would be immaterial.",
     )
-    extended = _extended(final, errors, given)
+    extended = _extended(final, after, given)
     return Diagnosis(
         verdict,
         tuple(_effect(c, final, given, missed) for c in found.causes),
         own,
-        plain_material(
-            plain.model.settings, holdout.mean(errors.seen_before), holdout.mean(errors.before)
-        ),
+        plain_material(plain.model.settings, seen_before, held_before),
         with_plain_values(extended, plain.model.settings) if suffices else extended,
-        holdout.gain(errors.before, errors.after),
+        holdout.gain(before.held, after.held),
         _tried(found),
         _advice(verdict, found),
         None if np.isnan(beginning.error) else beginning.error,
@@ -219,11 +189,11 @@ def _final(
             raise
         LOG.warning("the model with its causes is dropped, since it does not hold: %s", err)
     alone = replace(found, at=found.setup, causes=(), proposals=(), exact=False)
-    bare = replace(learned, explanation=alone, held=None, seen=None)
+    bare = replace(learned, explanation=alone, err=Errors())
     return _final(bare, recordings, known, given)
 
 
-def _no_nearer(after: Errors, before: Errors) -> bool:
+def _no_nearer(after: Sequence[FloatArray] | None, before: Sequence[FloatArray] | None) -> bool:
     """Whether the full model is no nearer than the plain one to what both were learned from.
 
     Beside a cause that it does not contain, such as an impact, a fit of the set-up is wrong a
@@ -247,10 +217,10 @@ def _set_up_err(
     return bare.mean_err
 
 
-def _extended(final: _Final, errors: _Errors, given: Settings) -> Fitted:
+def _extended(final: _Final, errors: Errors, given: Settings) -> Fitted:
     """The full model as it is reported."""
     fitted = fitted_material(
-        final.at, holdout.mean(errors.seen_after), holdout.mean(errors.after),
+        final.at, holdout.mean(errors.seen), holdout.mean(errors.held),
         final.wider.material, final.found.stiffness_doubt,
     )  # fmt: skip
     named = [c.effect for c in final.found.causes]

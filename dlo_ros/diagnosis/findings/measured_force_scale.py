@@ -12,6 +12,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis, Fitted, NamedEffect, Number
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.cooperative_tasks import exhausted
@@ -27,6 +29,7 @@ from dlo_ros.identification.information import diameter_error
 from dlo_ros.inference.forecast import Manipulation, forecast
 from dlo_ros.inference.thresholds import UNBOUNDED
 from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
@@ -53,11 +56,10 @@ def with_forces(
     if not measured:
         return found
     try:
-        scales = [_scale(f, measured, given) for f in (found.baseline, found.extended)]
+        base, extended = (_scale(f, measured, given) for f in (found.baseline, found.extended))
     except SimulationError as err:
         LOG.warning("measured forces are not used: %s", err)
         return found
-    base, extended = scales
     if base is None or extended is None:
         LOG.warning("no measured force lies near an observed shape at a grip; none is used")
         return found
@@ -88,13 +90,15 @@ def _scaled(model: Fitted, scale: Scale) -> Fitted:
     factor, std = math.exp(scale.log), scale.std[0]
     ratio, ratio_std = model.specific_modulus
     modulus_std = None if ratio_std is None else math.hypot(std, ratio_std / ratio)
-    result = []
-    for (value, _), spread in ((model.young_modulus, modulus_std), (model.density, std)):
-        known = spread is not None and spread < UNBOUNDED
-        result.append((factor * value, factor * value * spread if spread and known else None))
+
+    def scaled(before: float, spread: float | None) -> tuple[float, float | None]:
+        value = factor * before
+        return value, value * spread if spread and spread < UNBOUNDED else None
+
     return replace(
         model, settings=with_scale(model.settings, scale.log),
-        young_modulus=result[0], density=result[1],
+        young_modulus=scaled(model.young_modulus[0], modulus_std),
+        density=scaled(model.density[0], std),
     )  # fmt: skip
 
 
@@ -108,26 +112,15 @@ def _effect(effect: NamedEffect, scale: Scale, before: float) -> NamedEffect:
     result = {}
     for key, number in effect.parameters.items():
         power = POWERS.get(number.unit, 0.0)
-        if power == 0.0:
-            result[key] = number
-            continue
-        factor, spread = math.exp(power * scale.log), scale.std[0]
-        values = number.value if isinstance(number.value, tuple) else (number.value,)
-        stds = number.std if isinstance(number.std, tuple) else (number.std,) * len(values)
-        new = tuple(factor * v for v in values)
-        wide = [
-            None if s is None else _rescaled(factor * s, n, power * before, power * spread)
-            for s, n in zip(stds, new, strict=True)
-        ]
-        known = tuple(s for s in wide if s is not None)
-        std: float | tuple[float, ...] | None = None
-        if len(known) == len(wide):
-            std = known if isinstance(number.value, tuple) else known[0]
-        result[key] = Number(new if isinstance(number.value, tuple) else new[0], std, number.unit)
+        factor = math.exp(power * scale.log)
+        value, std = factor * np.array(number.value), number.std
+        if std is not None and power:
+            wide = factor * np.array(std)
+            own = np.maximum(wide**2 - (power * before * value) ** 2, (LEAST * wide) ** 2)
+            std = _plain(np.sqrt(own + (power * scale.std[0] * value) ** 2))
+        result[key] = Number(_plain(value), std, number.unit)
     return replace(effect, parameters=result)
 
 
-def _rescaled(std: float, value: float, before: float, after: float) -> float:
-    """Standard deviation of a force with another relative std of the scale of all forces."""
-    own = max(std**2 - (before * value) ** 2, (LEAST * std) ** 2)
-    return math.hypot(math.sqrt(own), after * value)
+def _plain(values: FloatArray) -> float | tuple[float, ...]:
+    return tuple(values.tolist()) if values.ndim else float(values)

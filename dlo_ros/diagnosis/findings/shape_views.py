@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -47,22 +47,22 @@ def views(
         if len(shown) < 2:
             continue
         (old, err_old), (new, err_new) = shown
-        frames = len(old)
-        across = _across(recording, values, given)
+        last = slice(-len(old), None)
+        missed_old, missed_new = _across(recording, values, np.stack([old, new]), given)
         force = missing_force(recording, old, before.model.settings, u)
         result.append(
             RecordingView(
                 recording.name,
                 "holdout" if holdout[k].any() else "train",
-                recording.times[-frames:],
-                recording.observed[-frames:],
+                recording.times[last],
+                recording.observed[last],
                 old,
                 new,
                 err_old,
                 err_new,
                 u,
-                across(old),
-                across(new),
+                missed_old,
+                missed_new,
                 None if force is None else force.force,
                 None if force is None else force.std,
             )
@@ -71,24 +71,16 @@ def views(
 
 
 def _across(
-    recording: Recording, values: FloatArray, settings: Settings
-) -> Callable[[FloatArray], FloatArray]:
-    """Function that gives the distance across the DLO at stations for predicted control points.
+    recording: Recording, values: FloatArray, predicted: FloatArray, settings: Settings
+) -> FloatArray:
+    """Observed minus predicted across the DLO at stations [m], shape (S, F, U).
 
     Args:
         values: values of the basis functions at the stations, shape (U, n).
-
-    Returns:
-        A function of control points [m], shape (F, n, 3 or more), of the last F frames; it returns
-        observed minus predicted [m], shape (F, U).
+        predicted: control points of S models [m], shape (S, F, n, 3 or more), of the last F frames.
     """
-    n = values.shape[1]
-    rows = spline_space(recording.observed, settings)[:, :n]
+    n, observed = values.shape[1], recording.observed[-predicted.shape[1] :]
+    rows = spline_space(observed, settings)[:, :n]
     stations = np.linalg.inv(whitening(n, settings.rod.length)) @ values.T
-
-    def distance(predicted: FloatArray) -> FloatArray:
-        last = slice(-len(predicted), None)
-        apart = recording.observed[last] - predicted[..., :3]
-        return np.asarray(np.einsum("fknc,fnc->fk", rows[last], apart) @ stations)
-
-    return distance
+    apart = observed - predicted[..., :3]
+    return np.asarray(np.einsum("fknc,sfnc->sfk", rows, apart) @ stations)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dlo_ros.diagnosis.contact.wall_places import normal
 from dlo_ros.diagnosis.explain.candidate_trials import fitted
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.inference.joint import Evaluation
@@ -18,7 +19,6 @@ from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import WORTH
-from dlo_ros.spline import FloatArray
 
 WALL = OFFSET, ANGLE = tuple(f"effects.{StraightWall.name}.{key}" for key in ("offset", "angle"))
 TURNS = (0.3, 0.1)
@@ -63,7 +63,7 @@ def turned(at: Evaluation, turn: float) -> ParametricModel:
     """
     wall = at.model.settings.effects[StraightWall.name]
     assert isinstance(wall["offset"], float) and isinstance(wall["angle"], float)
-    before, after = _normal(wall["angle"]), _normal(wall["angle"] + turn)
+    before, after = normal(wall["angle"]), normal(wall["angle"] + turn)
     points = np.concatenate([p.reshape(-1, p.shape[-1])[:, [0, 2]] for p in at.predicted])
     nearest = points[np.argmin(points @ before)]
     theta = at.model.theta()
@@ -75,7 +75,3 @@ def turned(at: Evaluation, turn: float) -> ParametricModel:
         theta[k] = at.model.parameters[k].inner(value)
     model, k = at.model.at(theta), at.model.index(ANGLE)
     return model.with_prior([at.model.parameters[k].held(float(theta[k]))])
-
-
-def _normal(angle: float) -> FloatArray:
-    return np.array([np.sin(angle), np.cos(angle)])

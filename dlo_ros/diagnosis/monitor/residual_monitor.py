@@ -18,7 +18,7 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS
 from dlo_ros.diagnosis.monitor.suspects import Suspects, suspects
 from dlo_ros.errors import DloError
-from dlo_ros.identification.cooperative_tasks import Pieces, Worker
+from dlo_ros.identification.cooperative_tasks import Pieces
 from dlo_ros.identification.identifiability import rounded
 from dlo_ros.identification.information import discrepancy
 from dlo_ros.identification.residual_noise import divided_differences
@@ -92,14 +92,13 @@ class ResidualMonitor:
 
     def __init__(self) -> None:
         self.suspicion: Suspicion | None = None
-        self._worker = Worker(-1.0, lambda: 0.0)  # a piece a turn
         self._looked, self._found, self._tried = 0, 0, 0
-        self._task: tuple[Manipulation, Settings, int, CorrelatedResidual] | None = None
+        self._test: Pieces[None] | None = None
 
     @property
     def busy(self) -> bool:
         """Whether `proceed` has something to do."""
-        return self._task is not None
+        return self._test is not None
 
     def due(self, count: int) -> bool:
         """Whether it is time for a look, now that there are so many pictures."""
@@ -128,18 +127,17 @@ class ResidualMonitor:
         # More pictures may tell more, but not each of them.
         elif not self._tried <= count < 2 * self._tried:
             self._tried = count
-            self._task = past, settings, found.spans, leftover
+            self._test = self._ranked(past, settings, found.spans, leftover)
 
     def proceed(self) -> None:
         """Do a piece of the linear test."""
-        if self._task is None:
-            return
-        task = self._task
-        self._worker.turn(0.0, lambda: self._test(*task))
-        if not self._worker.busy:
-            self._task = None
+        if self._test is not None:
+            try:
+                next(self._test)
+            except StopIteration:
+                self._test = None
 
-    def _test(
+    def _ranked(
         self, past: Manipulation, settings: Settings, spans: int, leftover: CorrelatedResidual
     ) -> Pieces[None]:
         try:

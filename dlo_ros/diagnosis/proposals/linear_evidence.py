@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import numpy as np
 
@@ -127,9 +128,7 @@ Extra = dict[int, tuple[FloatArray, ...]]
 """Derivatives by what a proposal adds, per recording (F, Q, K), by the proposal's identity."""
 
 
-def simulated_together(
-    settings: Settings, proposals: Sequence[Proposal]
-) -> list[list[Proposal]]:  # fmt: skip
+def simulated_together(settings: Settings, proposals: Sequence[Proposal]) -> list[list[Proposal]]:
     """Groups of added effects that share a simulation: neutral ones, one of each kind.
 
     Effects beside which a rod is no longer linear have groups of their own: they would make the
@@ -140,18 +139,13 @@ def simulated_together(
     """
     waiting = [p for p in proposals if p.start is not None]
     result = [[p] for p in waiting if not p.from_nothing]
-    linear: dict[bool, list[Proposal]] = {True: [], False: []}
+    kinds: dict[bool, dict[str, list[Proposal]]] = {True: {}, False: {}}
     for p in waiting:
         if p.start is not None and p.from_nothing:
             alone = settings.with_effects({p.effect: p.start.block})
-            linear[is_linear(alone)].append(p)
-    for neutral in linear.values():
-        while neutral:
-            first: dict[str, Proposal] = {}
-            for p in neutral:
-                first.setdefault(p.effect, p)
-            result.append(list(first.values()))
-            neutral = [p for p in neutral if p is not first[p.effect]]
+            kinds[is_linear(alone)].setdefault(p.effect, []).append(p)
+    for neutral in kinds.values():
+        result += [[p for p in group if p] for group in zip_longest(*neutral.values())]
     return result
 
 
@@ -261,28 +255,20 @@ def _added(at: Evaluation, proposal: Proposal, spectra: Sequence[Spectrum]) -> P
         at, spectra, np.append(at.model.offset(), offset),
         np.append(at.model.precision(), precision),
     )  # fmt: skip
-    count = len(at.model.parameters)
-    step, amount = found.step[:count], found.step[count:]
-    gain = found.evidence - at.posterior.evidence
-    if not proposal.from_nothing and amount[0] <= 0.0:
-        return PredictedGain(proposal, 0.0, at.model, at.model)
+    names, step = at.model.names, found.step
+    if proposal.from_nothing:
+        names = (*names, *(p.name for p in proposal.parameters if p.name in proposal.columns))
+    else:
+        amplitude = step[-1]
+        if amplitude <= 0.0:
+            return PredictedGain(proposal, 0.0, at.model, at.model)
+        step = min(1.0 / amplitude, 1.0) * step[:-1]
     model = at.model.extended(proposal.effect, dict(proposal.start.block), proposal.parameters)
-    if not proposal.from_nothing:
-        share = min(1.0 / amount[0], 1.0)
-        return PredictedGain(proposal, gain, model, model.at(_moved(model, at.model, share * step)))
-    theta = _moved(model, at.model, step)
-    linear = [p.name for p in proposal.parameters if p.name in proposal.columns]
-    for name, x in zip(linear, amount, strict=True):
-        theta[model.index(name)] += x
-    return PredictedGain(proposal, gain, model, model.at(theta))
-
-
-def _moved(model: ParametricModel, before: ParametricModel, step: FloatArray) -> FloatArray:
-    """The larger model's values after a step of the smaller model's values."""
     theta = model.theta()
-    for name, x in zip(before.names, step, strict=True):
+    for name, x in zip(names, step, strict=True):
         theta[model.index(name)] += x
-    return theta
+    gain = found.evidence - at.posterior.evidence
+    return PredictedGain(proposal, gain, model, model.at(theta))
 
 
 def linear_posterior(

@@ -57,8 +57,9 @@ def missing_force(
     if len(predicted) < FEWEST:
         return None
     rod = settings.rod
-    space = recording.across.shape[1] > 2 * predicted.shape[1]
-    beam = Beam(settings, recording.manipulation.commands, (0, 1, 2) if space else (0, 2))
+    beam = Beam(
+        settings, recording.manipulation.commands, (0, 2) if recording.planar else (0, 1, 2)
+    )
     size, axes, ways = rod.linear_density * 9.81, beam.axes, len(beam.axes)
     systems = _systems(recording, predicted, beam, size)
     # A load that varies much along the DLO is less likely than an even one.

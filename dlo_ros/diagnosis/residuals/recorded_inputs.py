@@ -70,14 +70,11 @@ def inputs(
         ("the bending of the DLO", _principal(_bending(shapes, settings), 3), 1.0 / length),
         ("the motion of the DLO", _principal(_motion(shapes, times), 3), length),
     )
+    # It must vary within a recording: differences between recordings do not count.
     return tuple(
-        Input(name, tuple(columns)) for name, columns, unit in found if _varies(columns, unit)
-    )
-
-
-def _varies(columns: Sequence[FloatArray], unit: float) -> bool:
-    """Whether the input varies within any recording; differences between them do not count."""
-    return any(bool(np.any(np.std(c, axis=0) > LEAST * unit)) for c in columns)
+        Input(name, tuple(columns)) for name, columns, unit in found
+        if any(np.any(np.std(c, axis=0) > LEAST * unit) for c in columns)
+    )  # fmt: skip
 
 
 def _grips(
@@ -86,10 +83,6 @@ def _grips(
     """Positions [m], directions and both velocities of held places, as a simulation has them.
 
     They are zero where nothing is held.
-
-    Args:
-        shapes: predicted control points [m], shape (F, n, 3).
-        times: times of these [s], shape (F,).
 
     Returns:
         Shapes (F, 3 n), (F, 6) and (F, 3 n + 6); a turning counts at half the length [m/s].
@@ -158,8 +151,7 @@ def _bending(shapes: Sequence[FloatArray], settings: Settings) -> list[FloatArra
 
 def _motion(shapes: Sequence[FloatArray], times: Sequence[FloatArray]) -> list[FloatArray]:
     """Velocities of the control points [m/s], root mean squares over them, shape (F, 3 n)."""
-    result = []
-    for points, t in zip(shapes, times, strict=True):
-        flat = points.reshape(len(points), -1) / np.sqrt(points.shape[1])
-        result.append(_velocity(flat, t))
-    return result
+    return [
+        _velocity(p.reshape(len(p), -1) / np.sqrt(p.shape[1]), t)
+        for p, t in zip(shapes, times, strict=True)
+    ]

@@ -310,11 +310,17 @@ def _moving(fields: Sequence[FloatArray], times: Sequence[FloatArray]) -> list[F
 
 def _amplitudes(fields: Sequence[FloatArray], times: Sequence[FloatArray]) -> list[FloatArray]:
     """Amplitudes over time of the patterns along u that repeat and move, shape (F, M)."""
-    common = sum(f[1:].T @ f[:-1] for f in _moving(fields, times))
-    values, vectors = np.linalg.eigh(0.5 * (common + np.transpose(common)))
+    values, vectors = _patterns(_moving(fields, times))
     # Of noise the eigenvalues lie about zero alike, which tells how large its largest is.
     count = int(np.clip(np.sum(values > -values[0]), 1, PATTERNS))
     return [(f - f.mean(axis=0)) @ vectors[:, -count:] for f in fields]
+
+
+def _patterns(fields: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues and patterns along u of the products of neighbouring frames, the largest last."""
+    common = np.sum([f[1:].T @ f[:-1] if len(f) > 1 else f.T @ f for f in fields], axis=0)
+    values, vectors = np.linalg.eigh(0.5 * (common + common.T))
+    return values, vectors
 
 
 def _predicted_share(field: FloatArray, basis: FloatArray, times: Sequence[FloatArray]) -> float:
@@ -335,10 +341,7 @@ def _predicted_share(field: FloatArray, basis: FloatArray, times: Sequence[Float
 
 def _pattern(fields: Sequence[FloatArray], total: float, settings: Settings) -> ResidualPattern:
     """The strongest pattern along the DLO of the part that repeats."""
-    common = sum(f[1:].T @ f[:-1] for f in fields if len(f) > 1) + sum(
-        f.T @ f for f in fields if len(f) == 1
-    )
-    values, vectors = np.linalg.eigh(0.5 * (common + np.transpose(common)))
+    values, vectors = _patterns(fields)
     n, length = settings.rod.control_points, settings.rod.length
     u = np.linspace(0.0, length, 101)
     back = np.linalg.inv(whitening(n, length)) @ SplineBasis(n, length).matrix(u).T

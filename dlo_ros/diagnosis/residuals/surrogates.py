@@ -61,15 +61,11 @@ def _explained(
 ) -> dict[str, FloatArray]:
     """Share of the power of fields (F, S, M), one for each recording, by each input, shape (S,)."""
     whole = np.concatenate(fields)
-    count = whole.shape[1]
     power = np.maximum(np.sum(whole**2, axis=(0, 2)), 1e-300)
-    flat = whole.reshape(len(whole), -1)
-
-    def by(basis: FloatArray) -> FloatArray:
-        shares = np.sum((basis.T @ flat) ** 2, axis=0).reshape(count, -1)
-        return np.asarray(np.sum(shares, axis=1) / power)
-
-    return {name: by(basis) for name, basis in judged.items()}
+    return {
+        name: np.sum(np.tensordot(basis, whole, (0, 0)) ** 2, axis=(0, 2)) / power
+        for name, basis in judged.items()
+    }
 
 
 def _gaussian(part: FloatArray, rng: np.random.Generator) -> FloatArray:
