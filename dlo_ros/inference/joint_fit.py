@@ -29,6 +29,8 @@ LONGEST_STEP, LONGER = 1.5, 2.0
 """Change of a parameter in the first iteration, in prior standard deviations or logarithms, and by
 what it may grow where the gain was predicted."""
 TRIES = 6
+SHORT_OF = 1e-9
+"""Share of a step that a parameter makes at least which is not at an end of its range."""
 MARQUARDT_DAMPING, HARDER, EASIER = 1e-4, 30.0, 0.1
 """Marquardt's damping at first, and what a failed and a good step make of it."""
 GOOD, POOR = 0.75, 0.25
@@ -228,7 +230,7 @@ def _improved(
     theta, damping, least = model.theta(), way.damping, min(CONVERGED, loss.least_gain(at))
     unit = _unit(model)
     for _ in range(tries):
-        step = np.asarray(np.linalg.solve(lhs + damping * np.diag(np.diag(lhs)), rhs))
+        step = _step(model, lhs + damping * np.diag(np.diag(lhs)), rhs)
         if _expected(step, lhs, rhs) < least:
             break
         step *= min(1.0, way.longest / float(np.max(np.abs(step) / unit)))
@@ -238,8 +240,9 @@ def _improved(
             damping *= HARDER
             continue
         ratio = _gain(at, trial, loss) / _expected(step, lhs, rhs)
-        if ratio > 0.0 and trial.mean_err > most:
-            break
+        if trial.mean_err > most:
+            damping = max(HARDER * damping, 1e-3)
+            continue
         if ratio > GOOD:
             return _Improvement(trial, _Way(EASIER * damping, LONGER * way.longest), True)
         if ratio > 0.0:
@@ -253,8 +256,24 @@ def expected_gain(at: Evaluation, loss: Loss) -> float:
     """Gain of the log posterior by the next step within ranges, as far as derivatives tell."""
     lhs, rhs = _equations(at, loss)
     theta = at.model.theta()
-    step = at.model.at(theta + np.linalg.solve(lhs, rhs)).theta() - theta
+    step = at.model.at(theta + _step(at.model, lhs, rhs)).theta() - theta
     return _expected(step, lhs, rhs)
+
+
+def _step(model: ParametricModel, lhs: FloatArray, rhs: FloatArray) -> FloatArray:
+    """The solution of normal equations, shape (P,), in which numbers at an end of their range stay.
+
+    The others go where these stay, not where they would go if these could leave (active set).
+    """
+    theta, free = model.theta(), np.arange(len(rhs))
+    while True:
+        step = np.zeros(len(rhs))
+        step[free] = np.linalg.solve(lhs[np.ix_(free, free)], rhs[free])
+        moved = np.abs(model.at(theta + step).theta() - theta)
+        held = moved[free] < SHORT_OF * np.abs(step[free])
+        if not held.any():
+            return step
+        free = free[~held]
 
 
 def _equations(at: Evaluation, loss: Loss) -> tuple[FloatArray, FloatArray]:

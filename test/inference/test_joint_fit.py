@@ -141,4 +141,41 @@ def test_a_fit_that_only_steps_away_from_the_shapes_improve_is_at_its_end(fitted
     monkeypatch.setattr(joint_fit, "borrowed", counted)
     monkeypatch.setattr(joint_fit, "FARTHER", 0.0)
     assert joint_fit.fit(begun, recordings, 12) is begun
-    assert len(steps) == 1
+    assert len(steps) == joint_fit.TRIES
+
+
+def test_a_step_that_leads_too_far_from_the_shapes_is_shortened(fitted, monkeypatch):
+    at, recordings = fitted
+    far = borrowed(at, moved_by(at, ANGLE, 0.1), recordings)
+    begun = joint.evaluate(far.model, recordings, far.variances)
+    leading = []
+
+    def first_astray(*words):
+        leading.append(borrowed(*words))
+        astray = tuple(100.0 * e for e in leading[0].err)
+        return replace(leading[0], err=astray) if len(leading) == 1 else leading[-1]
+
+    monkeypatch.setattr(joint_fit, "borrowed", first_astray)
+    found = joint_fit.fit(begun, recordings, 1)
+    assert found.mean_err < begun.mean_err
+    steps = [x.model.theta() - begun.model.theta() for x in leading]
+    assert len(steps) == 2 and np.linalg.norm(steps[1]) < np.linalg.norm(steps[0])
+
+
+def test_a_number_at_the_end_of_its_range_takes_no_other_with_it(fitted):
+    """The others go to the optimum beside it, not to that without the range."""
+    model = fitted[0].model.without([n for n in fitted[0].model.names if n.startswith("effects")])
+    here = model.theta()
+    k = model.index("density")
+    end = replace(model.parameters[k], upper=model.parameters[k].outer(float(here[k])))
+    model = model.with_prior([end])
+    lhs = np.eye(len(here)) + 0.9
+    rhs = 0.1 * np.linspace(1.0, 2.0, len(here))
+    rhs[k] = 5.0
+    step = joint_fit._step(model, lhs, rhs)
+    others = np.delete(np.arange(len(here)), k)
+    assert step[k] == 0.0
+    np.testing.assert_allclose(
+        step[others], np.linalg.solve(lhs[np.ix_(others, others)], rhs[others])
+    )
+    np.testing.assert_allclose(joint_fit._step(model, lhs, -rhs), np.linalg.solve(lhs, -rhs))
