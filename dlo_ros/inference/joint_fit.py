@@ -20,7 +20,7 @@ from dlo_ros.inference.joint import (
 from dlo_ros.inference.losses import CONVERGED, CORRELATED, WHITE, Loss, misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.thresholds import CLEARLY_LESS, MUCH_LARGER
+from dlo_ros.inference.thresholds import CLEARLY_LESS, MUCH_LARGER, WORTH
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -42,9 +42,8 @@ WHITE_ITERATIONS, ITERATIONS = 20, 25
 """Iterations with all that is left as white noise, and with correlated errors after that."""
 FARTHER = 1.1
 """ERR over that at the beginning of a fit and what does not matter, beyond which no step leads
-whatever its likelihood: an error that dies out holds whole swings for little, and the fit would
-follow their rapid part alone into a wrong minimum. A fit that only such steps improve is at its
-end."""
+whatever its likelihood, unless it comes back from there: an error that dies out holds whole swings
+for little, and the fit would follow their rapid part alone into a wrong minimum."""
 STEPS = 4
 """Steps by which models come nearer to the shapes before they are compared."""
 VALLEYS = (0.2, 0.5, 2.0, 5.0)
@@ -70,14 +69,37 @@ def fit(
         draft: whether derivatives that predicted the last steps will do for the result, which is
             then fitted further, or compared with others that are far off.
     """
-    at, way, secants = start, _Way(MARQUARDT_DAMPING, LONGEST_STEP), 0
     settings = start.model.settings
     immaterial = settings.diagnosis.material_err * settings.rod.length
     most = FARTHER * (start.mean_err + immaterial) if loss.fits_variances else np.inf
+    at, held_back = _descended(start, recordings, iterations, loss, most)
+    if held_back:
+        beyond, _ = _descended(at, recordings, iterations, loss, np.inf)
+        back = _differentiated(approached(beyond, recordings), recordings)
+        if back.mean_err < at.mean_err and back.posterior.evidence > at.posterior.evidence:
+            at, _ = _descended(back, recordings, iterations, loss, most)
+    gain = at.posterior.evidence - start.posterior.evidence
+    if loss.fits_variances and at.mean_err > start.mean_err and gain < WORTH:
+        at = start  # no evidence to leave the shapes for
+    if at.derived:
+        return at
+    return _rejudged(at) if draft else _differentiated(at, recordings)
+
+
+def _descended(
+    start: Evaluation, recordings: Sequence[Recording], iterations: int, loss: Loss, most: float
+) -> tuple[Evaluation, bool]:
+    """The fit, perhaps without derivatives of its own, and whether `most` held back its last step.
+
+    Args:
+        most: ERR beyond which no step leads [m].
+    """
+    at, way, secants = start, _Way(MARQUARDT_DAMPING, LONGEST_STEP), 0
+    held_back = False
     for _ in range(iterations):
         derived = at.derived
         found = _improved(at, recordings, way, loss, TRIES if derived else 1, most)
-        way, sure = found.way, derived or found.gain_predicted
+        way, sure, held_back = found.way, derived or found.gain_predicted, found.held_back
         if found.at is None and derived:
             break
         before = at
@@ -93,9 +115,7 @@ def fit(
             at, secants = _corrected(before, at), secants + 1
         if loss.fits_variances:
             at = _rejudged(at)
-    if at.derived:
-        return at
-    return _rejudged(at) if draft else _differentiated(at, recordings)
+    return at, held_back
 
 
 def approached(
@@ -215,11 +235,13 @@ class _Improvement:
         at: better evaluation, with the derivatives from before; None where none was found.
         way: state of the search for the next iteration.
         gain_predicted: whether the derivatives predicted the gain.
+        held_back: whether a longer step would gain but leads too far from the shapes.
     """
 
     at: Evaluation | None
     way: _Way
     gain_predicted: bool
+    held_back: bool
 
 
 def _improved(
@@ -228,7 +250,7 @@ def _improved(
 ) -> _Improvement:  # fmt: skip
     model, (lhs, rhs) = at.model, _equations(at, loss)
     theta, damping, least = model.theta(), way.damping, min(CONVERGED, loss.least_gain(at))
-    unit = _unit(model)
+    unit, held_back = _unit(model), False
     for _ in range(tries):
         step = _step(model, lhs + damping * np.diag(np.diag(lhs)), rhs)
         if _expected(step, lhs, rhs) < least:
@@ -241,15 +263,18 @@ def _improved(
             continue
         ratio = _gain(at, trial, loss) / _expected(step, lhs, rhs)
         if trial.mean_err > most:
+            held_back |= ratio > 0.0
             damping = max(HARDER * damping, 1e-3)
             continue
         if ratio > GOOD:
-            return _Improvement(trial, _Way(EASIER * damping, LONGER * way.longest), True)
+            return _Improvement(
+                trial, _Way(EASIER * damping, LONGER * way.longest), True, held_back
+            )
         if ratio > 0.0:
             damping = damping if ratio > POOR else damping / EASIER
-            return _Improvement(trial, _Way(damping, LONGEST_STEP), False)
+            return _Improvement(trial, _Way(damping, LONGEST_STEP), False, held_back)
         damping = max(HARDER * damping, 1e-3)
-    return _Improvement(None, _Way(damping, LONGEST_STEP), False)
+    return _Improvement(None, _Way(damping, LONGEST_STEP), False, held_back)
 
 
 def expected_gain(at: Evaluation, loss: Loss) -> float:

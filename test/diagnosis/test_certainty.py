@@ -71,20 +71,15 @@ def test_what_is_known_badly_may_be_none_of_less_than_twice(turned):
     assert "clamp_angle" not in named(replace(turned, posterior=wide))
 
 
-def with_guesses_off(at, tolerances):
-    """The fit, as if dampings had been guessed so many tolerances lower."""
-    guesses = tuple(
-        replace(p, centre=x - tolerances * p.std) if p.guessed and not p.effect else p
-        for p, x in zip(at.model.parameters, at.model.theta(), strict=True)
+def test_a_guessed_damping_has_no_tolerance_to_be_beyond_of(turned):
+    """Its guess may well be wrong by a factor of three."""
+    off_guess = tuple(
+        replace(p, centre=p.centre + 1.5 * p.std) if p.guessed and not p.effect else p
+        for p in turned.model.parameters
     )
-    return replace(at, model=at.model.with_prior(guesses))
-
-
-@pytest.mark.parametrize(("tolerances", "cause"), [(1.5, True), (0.9, False)])
-def test_a_guessed_damping_is_one_beyond_a_factor_of_three(turned, tolerances, cause):
-    shifted = with_guesses_off(turned, tolerances)
-    assert off(shifted, "internal_damping") == pytest.approx(tolerances)
-    assert ("internal_damping" in named(shifted)) is cause
+    shifted = replace(turned, model=turned.model.with_prior(off_guess))
+    assert max(off(shifted, e) for e in ("air_drag", "internal_damping")) > 1.2
+    assert not {"air_drag", "internal_damping"} & named(shifted)
 
 
 def test_an_added_cause_that_the_final_fit_denies_is_none(prepared):

@@ -38,28 +38,27 @@ def damped(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_a_guess_is_known_to_a_factor_of_three(damped):
-    """A damping of less than that is no cause, but is told."""
+def test_a_guess_is_known_to_a_factor(damped):
+    """A damping within nine times the guess is no cause, but is told."""
     challenge, recordings, settings = damped
-    missing = 0.75 * challenge.effects["internal_damping"]["relaxation_time"]
-    guess = settings.damping.relaxation_time + missing
-    nearer = replace(settings, damping=replace(settings.damping, relaxation_time=guess))
-    found = diagnose(recordings, nearer)
+    found = diagnose(recordings, settings)
     assert (found.verdict, found.effects) == ("adequate", ())
+    true = challenge.effects["internal_damping"]["relaxation_time"]
     told = found.setup["internal_damping.relaxation_time"]
-    assert told.value == pytest.approx(missing / 3.0, rel=0.05) and told.tolerance is None
+    assert told.value == pytest.approx(true, rel=0.02) and told.tolerance is None
 
 
 @pytest.mark.slow
 def test_a_wrong_guess_is_named_where_it_is_all_that_is_missing(damped):
     challenge, recordings, settings = damped
+    third = settings.damping.relaxation_time / 3.0
+    settings = replace(settings, damping=replace(settings.damping, relaxation_time=third))
     found = diagnose(recordings, settings)
     (effect,) = found.effects
     assert (found.verdict, effect.name, effect.rivals) == ("explained", "internal_damping", ())
-    true = challenge.effects["internal_damping"]["relaxation_time"]
-    assert effect.parameters["relaxation_time"].value == pytest.approx(true, rel=0.02)
-    # The file's guess stays, and what is added stands beside it.
-    assert found.extended.settings.damping.relaxation_time == settings.damping.relaxation_time
+    true = 2.0 * third + challenge.effects["internal_damping"]["relaxation_time"]
+    assert effect.parameters["relaxation_time"].value == pytest.approx(true, rel=0.1)
+    assert found.extended.settings.damping.relaxation_time == third  # the guess, and what is added
 
 
 @pytest.mark.slow

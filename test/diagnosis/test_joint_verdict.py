@@ -276,7 +276,7 @@ def test_a_recording_that_is_not_explained_does_not_spoil_the_rest(
 )
 def test_a_set_up_does_the_work_of_what_lies_within_its_tolerances(monkeypatch, exact, far, may):
     groups = [SimpleNamespace(effect=name) for name in far]
-    monkeypatch.setattr(joint_outcome, "beyond", lambda _: groups)
+    monkeypatch.setattr(joint_outcome, "far_off", lambda _: groups)
     causes = (Cause("gravity_tilt", (), {}, 9.0, 5e-3),)
     found = SimpleNamespace(setup=None, causes=causes, exact=exact)
     of_itself = joint_outcome._of_itself(found)

@@ -39,12 +39,15 @@ def beyond(at: Evaluation, covariance: FloatArray | None = None) -> list[Proposa
 def beyond_for_certain(at: Evaluation, group: Proposal, covariance: FloatArray) -> bool:
     """Whether a size lies more than one tolerance off, and its uncertainty farther than that.
 
+    A damping that is only guessed has no tolerance.
+
     Args:
         group: group with the priors of a cause.
         covariance: of all parameters, shape (P, P).
     """
+    tolerated = group.from_nothing and all(p.effect for p in group.parameters)
     sizes = _sizes(at, group, covariance)
-    return group.from_nothing and any(off > 1.0 + CERTAIN * std for off, std in sizes)
+    return tolerated and any(off > 1.0 + CERTAIN * std for off, std in sizes)
 
 
 def is_beyond(at: Evaluation, group: Proposal, tolerances: float = BEYOND) -> bool:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.explain.cause_naming import Cause
-from dlo_ros.diagnosis.explain.certainty import beyond
+from dlo_ros.diagnosis.explain.certainty import far_off
 from dlo_ros.diagnosis.explain.exact_setup import opened
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation, still_certain
 from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
@@ -279,7 +279,7 @@ def _of_itself(found: Explanation) -> set[str]:
     """
     if not found.exact:
         return set()
-    return {c.effect for c in found.causes} - {g.effect for g in beyond(found.setup)}
+    return {c.effect for c in found.causes} - {g.effect for g in far_off(found.setup)}
 
 
 def _share(before: float | None, after: float | None, own: float) -> float | None:
