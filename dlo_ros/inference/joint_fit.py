@@ -29,8 +29,6 @@ LONGEST_STEP, LONGER = 1.5, 2.0
 """Change of a parameter in the first iteration, in prior standard deviations or logarithms, and by
 what it may grow where the gain was predicted."""
 TRIES = 6
-SHORT_OF = 1e-9
-"""Share of a step that a parameter makes at least which is not at an end of its range."""
 MARQUARDT_DAMPING, HARDER, EASIER = 1e-4, 30.0, 0.1
 """Marquardt's damping at first, and what a failed and a good step make of it."""
 GOOD, POOR = 0.75, 0.25
@@ -79,8 +77,8 @@ def fit(
         if back.mean_err < at.mean_err and back.posterior.evidence > at.posterior.evidence:
             at, _ = _descended(back, recordings, iterations, loss, most)
     gain = at.posterior.evidence - start.posterior.evidence
-    if loss.fits_variances and at.mean_err > start.mean_err and gain < WORTH:
-        at = start  # no evidence to leave the shapes for
+    if loss.fits_variances and at.mean_err > start.mean_err + immaterial and gain < WORTH:
+        at = start  # there is no evidence to leave the shapes for
     if at.derived:
         return at
     return _rejudged(at) if draft else _differentiated(at, recordings)
@@ -294,8 +292,7 @@ def _step(model: ParametricModel, lhs: FloatArray, rhs: FloatArray) -> FloatArra
     while True:
         step = np.zeros(len(rhs))
         step[free] = np.linalg.solve(lhs[np.ix_(free, free)], rhs[free])
-        moved = np.abs(model.at(theta + step).theta() - theta)
-        held = moved[free] < SHORT_OF * np.abs(step[free])
+        held = (model.at(theta + step).theta() == theta)[free] & (step[free] != 0.0)
         if not held.any():
             return step
         free = free[~held]
