@@ -20,7 +20,7 @@ from dlo_ros.inference.joint import (
 from dlo_ros.inference.losses import CONVERGED, CORRELATED, WHITE, Loss, misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.thresholds import CLEARLY_LESS, MUCH_LARGER, WORTH
+from dlo_ros.inference.thresholds import CLEARLY_LESS, MUCH_LARGER
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -44,7 +44,7 @@ whatever its likelihood, unless it comes back from there: an error that dies out
 for little, and the fit would follow their rapid part alone into a wrong minimum."""
 STEPS = 4
 """Steps by which models come nearer to the shapes before they are compared."""
-VALLEYS = (0.2, 0.5, 2.0, 5.0)
+VALLEYS = (0.25, 4.0)
 """Factors of E from which a fit is begun as well, where more than noise is left."""
 VALLEY_STEPS = 8
 """Steps by which these beginnings come nearer to the shapes before they are compared."""
@@ -54,7 +54,7 @@ SECANTS = 3
 
 def fit(
     start: Evaluation, recordings: Sequence[Recording], iterations: int, *,
-    loss: Loss = CORRELATED, draft: bool = False,
+    loss: Loss = CORRELATED, draft: bool = False, passes: bool = False,
 ) -> Evaluation:  # fmt: skip
     """Levenberg-Marquardt, with variances that are fitted anew in each iteration.
 
@@ -66,19 +66,18 @@ def fit(
             what its parameters can explain, and all that is left is better white noise.
         draft: whether derivatives that predicted the last steps will do for the result, which is
             then fitted further, or compared with others that are far off.
+        passes: whether the fit may go through worse shapes, see `FARTHER`, to better ones; where
+            that is the only way, it takes two or three times as long.
     """
     settings = start.model.settings
     immaterial = settings.diagnosis.material_err * settings.rod.length
     most = FARTHER * (start.mean_err + immaterial) if loss.fits_variances else np.inf
     at, held_back = _descended(start, recordings, iterations, loss, most)
-    if held_back:
+    if held_back and passes:
         beyond, _ = _descended(at, recordings, iterations, loss, np.inf)
         back = _differentiated(approached(beyond, recordings), recordings)
         if back.mean_err < at.mean_err and back.posterior.evidence > at.posterior.evidence:
             at, _ = _descended(back, recordings, iterations, loss, most)
-    gain = at.posterior.evidence - start.posterior.evidence
-    if loss.fits_variances and at.mean_err > start.mean_err + immaterial and gain < WORTH:
-        at = start  # there is no evidence to leave the shapes for
     if at.derived:
         return at
     return _rejudged(at) if draft else _differentiated(at, recordings)
@@ -233,13 +232,13 @@ class _Improvement:
         at: better evaluation, with the derivatives from before; None where none was found.
         way: state of the search for the next iteration.
         gain_predicted: whether the derivatives predicted the gain.
-        held_back: whether a longer step would gain but leads too far from the shapes.
+        held_back: whether a step would gain but leads too far from the shapes.
     """
 
     at: Evaluation | None
     way: _Way
     gain_predicted: bool
-    held_back: bool
+    held_back: bool = False
 
 
 def _improved(
@@ -248,7 +247,7 @@ def _improved(
 ) -> _Improvement:  # fmt: skip
     model, (lhs, rhs) = at.model, _equations(at, loss)
     theta, damping, least = model.theta(), way.damping, min(CONVERGED, loss.least_gain(at))
-    unit, held_back = _unit(model), False
+    unit = _unit(model)
     for _ in range(tries):
         step = _step(model, lhs + damping * np.diag(np.diag(lhs)), rhs)
         if _expected(step, lhs, rhs) < least:
@@ -260,19 +259,15 @@ def _improved(
             damping *= HARDER
             continue
         ratio = _gain(at, trial, loss) / _expected(step, lhs, rhs)
-        if trial.mean_err > most:
-            held_back |= ratio > 0.0
-            damping = max(HARDER * damping, 1e-3)
-            continue
+        if ratio > 0.0 and trial.mean_err > most:
+            return _Improvement(None, _Way(damping, LONGEST_STEP), False, held_back=True)
         if ratio > GOOD:
-            return _Improvement(
-                trial, _Way(EASIER * damping, LONGER * way.longest), True, held_back
-            )
+            return _Improvement(trial, _Way(EASIER * damping, LONGER * way.longest), True)
         if ratio > 0.0:
             damping = damping if ratio > POOR else damping / EASIER
-            return _Improvement(trial, _Way(damping, LONGEST_STEP), False, held_back)
+            return _Improvement(trial, _Way(damping, LONGEST_STEP), False)
         damping = max(HARDER * damping, 1e-3)
-    return _Improvement(None, _Way(damping, LONGEST_STEP), False, held_back)
+    return _Improvement(None, _Way(damping, LONGEST_STEP), False)
 
 
 def expected_gain(at: Evaluation, loss: Loss) -> float:

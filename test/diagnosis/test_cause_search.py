@@ -57,7 +57,7 @@ def best_of(monkeypatch, fits, ends=None, promised=None, least=np.inf, near=None
     def short(model, *_, **__):
         return evaluation(*fits[model])
 
-    def long(found, *_):
+    def long(found, *_, **__):
         name = next(n for n, (gain, _) in fits.items() if gain == found.posterior.evidence)
         return evaluation(*(ends or {}).get(name, fits[name]))
 

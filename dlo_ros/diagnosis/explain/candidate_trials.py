@@ -123,7 +123,7 @@ def best_trial(
     for found, proposal in _best_first(begun, at):
         outcome = "fitted, but another gains more"
         if best is None:
-            longer = fit(found, recordings, FIT_ITERATIONS)
+            longer = fit(found, recordings, FIT_ITERATIONS, passes=True)
             # Where the shapes are left by what goes on, the shorter fit is the better explanation.
             shorter = longer.mean_err > at.mean_err >= found.mean_err
             found = fit(found, recordings, 0) if shorter else longer
@@ -319,7 +319,7 @@ def fitted(
         begin = evaluate(model, recordings)
         if far:
             begin = fit(begin, recordings, iterations, loss=WHITE, draft=True)
-        return fit(begin, recordings, iterations, draft=draft)
+        return fit(begin, recordings, iterations, draft=draft, passes=not draft)
     except SimulationError as err:
         LOG.info("not fitted: %s", err)
         return None

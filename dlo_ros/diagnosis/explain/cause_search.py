@@ -290,7 +290,7 @@ def without(
     if not begun:
         return None
     nearest = min(begun, key=lambda e: misfit(e, at))
-    return fit(nearest, recordings, FIT_ITERATIONS)
+    return fit(nearest, recordings, FIT_ITERATIONS, passes=True)
 
 
 def _neutral(model: ParametricModel, cause: Proposal) -> ParametricModel:
