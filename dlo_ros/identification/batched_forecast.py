@@ -20,7 +20,7 @@ from dlo_ros.inference.forecast import (
     compared,
     forecast,
     motion_of,
-    seen_until,
+    observations_of,
     unit_of,
 )
 from dlo_ros.parameters import Settings
@@ -67,7 +67,7 @@ def _together(
     manipulation: Manipulation, sets: Sequence[Settings], spans: int | None, frames: int | None
 ) -> Pieces[list[Forecast | None] | None]:
     """Forecasts from one run of all sets; None where that cannot be done."""
-    observations = seen_until(manipulation, None)
+    observations = observations_of(manipulation)
     sets = [as_started(one, manipulation) for one in sets]
     motion = motion_of(manipulation)
     first = simulation_of(sets[0], motion, spans=spans)

@@ -100,7 +100,6 @@ def forecast(
     *,
     parameters: Sequence[str] = (),
     spans: int | None = None,
-    last_stamp: int | None = None,
     loads: bool = False,
 ) -> Forecast:
     """Simulate a manipulation from its first observed shape and compare at every observed stamp.
@@ -108,14 +107,13 @@ def forecast(
     Args:
         parameters: parameters of the wanted derivatives, see `dlo_ros.rod.sensitivity_parameters`.
         spans: knot spans; default: as simulation.tolerance asks.
-        last_stamp: leave out later observations [ns].
         loads: whether forces, tension and bend radius are wanted.
 
     Raises:
         InputError: no observation, or observations that do not fit the settings.
         SimulationError: the motion cannot be simulated.
     """
-    observations = seen_until(manipulation, last_stamp)
+    observations = observations_of(manipulation)
     settings = as_started(settings, manipulation)
     try:
         simulation = simulation_of(
@@ -167,16 +165,15 @@ def warn_of_instability(found: Forecast, name: str) -> None:
         LOG.warning("%s: %s", name, instability(flat=flat))
 
 
-def seen_until(manipulation: Manipulation, last_stamp: int | None) -> list[Observation]:
-    """The observations up to a stamp [ns]; all where None.
+def observations_of(manipulation: Manipulation) -> Sequence[Observation]:
+    """The observations.
 
     Raises:
         InputError: there is none.
     """
-    seen = [o for o in manipulation.observations if last_stamp is None or o.stamp <= last_stamp]
-    if not seen:
+    if not manipulation.observations:
         raise InputError(f"{manipulation.name}: there is no observed shape to compare with")
-    return seen
+    return manipulation.observations
 
 
 def as_started(settings: Settings, manipulation: Manipulation) -> Settings:

@@ -216,7 +216,7 @@ def judged(found: Simulated, start: Sequence[Variances] | None = None) -> Evalua
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
-    return _evaluation(found, start)
+    return _evaluation(found, _spectra(found), start)
 
 
 def compared(found: Simulated, variances: tuple[Variances, ...]) -> Evaluation:
@@ -225,7 +225,7 @@ def compared(found: Simulated, variances: tuple[Variances, ...]) -> Evaluation:
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
-    return _evaluation(found, variances, fitted=False)
+    return _evaluation(found, _spectra(found), variances, fitted=False)
 
 
 def rejudged(at: Evaluation) -> Evaluation:
@@ -234,24 +234,30 @@ def rejudged(at: Evaluation) -> Evaluation:
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
-    return replace(judged(at, at.variances), derived=at.derived)
+    return replace(_evaluation(at, at.spectra, at.variances), derived=at.derived)
+
+
+def _spectra(found: Simulated) -> tuple[Spectrum, ...]:
+    points = found.model.settings.rod.control_points
+    return tuple(spectrum(r, j, points) for r, j in found.fields)
 
 
 def _evaluation(
-    found: Simulated, variances: Sequence[Variances] | None, *, fitted: bool = True
-) -> Evaluation:
+    found: Simulated, spectra: tuple[Spectrum, ...], variances: Sequence[Variances] | None, *,
+    fitted: bool = True,
+) -> Evaluation:  # fmt: skip
     """An evaluation whose likelihood is finite: without one, nothing can be simulated.
 
     Args:
         variances: with which their fit begins; None: as the residuals suggest.
         fitted: whether they are fitted to what a simulation leaves; if not, they count as given.
     """
-    model, rod = found.model, found.model.settings.rod
-    spectra = tuple(spectrum(r, j, rod.control_points) for r, j in found.fields)
+    model = found.model
     offset, precision = model.offset(), model.precision()
     try:
         if fitted:
-            known, best = fit_variances(spectra, offset, precision, rod.length, variances)
+            length = model.settings.rod.length
+            known, best = fit_variances(spectra, offset, precision, length, variances)
         else:
             known = tuple(variances or ())
             best = posterior(spectra, known, offset, precision)

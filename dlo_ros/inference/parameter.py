@@ -125,6 +125,10 @@ class ParametricModel:
             settings = with_value(settings, p.name, p.outer(float(x)))
         return replace(self, settings=settings)
 
+    def stiffened(self, factor: float) -> ParametricModel:
+        """The model with a multiple of its Young's modulus."""
+        return self.at(self.theta() + np.log(factor) * self.axis("young_modulus"))
+
     def centred(self, names: Collection[str]) -> ParametricModel:
         """The model with some of its parameters at the centres of their priors."""
         pairs = zip(self.parameters, self.theta(), strict=True)

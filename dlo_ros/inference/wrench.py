@@ -157,8 +157,10 @@ def _tool(
     end: str, axes: FloatArray, stamps: Sequence[int], settings: Settings,
     commands: Sequence[Command], lever: float,
 ) -> FloatArray:  # fmt: skip
-    """What a mass between sensor and DLO adds, tared at rest, shape (F, 6, 4): its weight and
-    inertia, and the torque of these by its place along each axis; (F, 6, 0) where it stays so.
+    """Columns of what a mass between sensor and DLO adds to a sensor that was tared at rest.
+
+    They are its weight and inertia, and the torque of these by its place along each axis, shape
+    (F, 6, 4); (F, 6, 0) where it adds nothing.
     """
     motion, mass = Motion(list(commands)), settings.wrench.tool_mass_std
     side, places, none = round(SIDE * NANOSECONDS), [], np.zeros((len(stamps), 6, 0))

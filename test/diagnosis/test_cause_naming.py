@@ -14,6 +14,7 @@ from dlo_ros.diagnosis.explain.certainty import SCALES, certain, strains
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation
 from dlo_ros.diagnosis.proposals.linear_evidence import freed, proposal_of
 from dlo_ros.effects import Start
+from dlo_ros.inference import joint_fit
 from dlo_ros.inference.joint import borrowed
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import believed, material_priors
@@ -213,7 +214,7 @@ def test_in_a_wrong_model_only_what_brings_it_nearer_is_kept(monkeypatch, near, 
 
     monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, wholly: 60.0)
     monkeypatch.setattr(cause_naming, "without", without)
-    monkeypatch.setattr(cause_search, "approached", lambda at, *_: at)
+    monkeypatch.setattr(joint_fit, "approached", lambda at, *_: at)
     monkeypatch.setattr(cause_naming, "_guessed_dampings", lambda _: [damping])
     both = model(100.0, 1e-3, ["creep", "damping"])
     search = cause_search.Search(both, (creep,), (), None)

@@ -21,6 +21,7 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
     with_proposals,
 )
 from dlo_ros.effects import Start
+from dlo_ros.inference import joint_fit
 from dlo_ros.inference.joint import simulate
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import material_priors
@@ -65,7 +66,7 @@ def best_of(monkeypatch, fits, ends=None, promised=None, least=np.inf, near=None
         evidence = at.posterior.evidence
         return evaluation(evidence, (near or {}).get(evidence, at.mean_err))
 
-    monkeypatch.setattr(candidate_trials, "approached", approached)
+    monkeypatch.setattr(joint_fit, "approached", approached)
     monkeypatch.setattr(candidate_trials, "_checked", checked)
     monkeypatch.setattr(candidate_trials, "fitted", short)
     monkeypatch.setattr(candidate_trials, "fit", long)
@@ -159,7 +160,7 @@ def without_simulations(monkeypatch, own_err):
     monkeypatch.setattr(cause_search, "ranked_proposals", lambda *_: [])
     monkeypatch.setattr(cause_search, "linear_loss", lambda *_: 1e3)
     monkeypatch.setattr(cause_search, "own_err", lambda *_: own_err)
-    monkeypatch.setattr(cause_search, "approached", lambda at, *_: at)
+    monkeypatch.setattr(joint_fit, "approached", lambda at, *_: at)
     monkeypatch.setattr(cause_search, "_strained", lambda *_: [])
     monkeypatch.setattr(cause_search, "_offers_beside", lambda *_: [])
 

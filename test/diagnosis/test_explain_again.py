@@ -14,6 +14,7 @@ from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.joint_explanation import explain, explain_again
 from dlo_ros.diagnosis.findings.joint_learning import all_learned_from, training_set
 from dlo_ros.identification.offline.initial_fit import begin
+from dlo_ros.inference import joint_fit
 
 TURN = {"clamp_angle": {"start": np.radians(1.5)}}
 TILT = {"gravity_tilt": {"angle": 0.3}}
@@ -76,7 +77,7 @@ def test_more_causes_are_sought_beside_known_ones_that_leave_something(
         return Search(at, ("tilt", "mass"), ("more",), None)
 
     monkeypatch.setattr(joint_explanation, "fitted", lambda *_, **__: at)
-    monkeypatch.setattr(joint_explanation, "approached", lambda at, *_: at)
+    monkeypatch.setattr(joint_fit, "approached", lambda at, *_: at)
     monkeypatch.setattr(joint_explanation, "own_err", lambda *_: own)
     monkeypatch.setattr(joint_explanation, "material_err", lambda *_: 0.25e-3)
     monkeypatch.setattr(joint_explanation, "starts", lambda _: [])

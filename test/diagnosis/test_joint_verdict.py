@@ -25,6 +25,7 @@ from dlo_ros.diagnosis.findings.joint_learning import (
 from dlo_ros.diagnosis.findings.joint_outcome import _completed, _verdict
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.offline.initial_fit import begin
+from dlo_ros.inference import joint_fit
 from dlo_ros.inference.smooth_modes import whitening
 from dlo_ros.inference.spectrum import modes, spectrum
 from dlo_ros.inference.variances import fit_variances
@@ -296,7 +297,7 @@ def test_a_set_up_does_the_work_of_what_lies_within_its_tolerances(monkeypatch, 
 )
 def test_a_set_up_is_judged_by_how_near_it_can_come(monkeypatch, matters, causes, of_all, err):
     """Where that decides: correlated errors let a fit drift from the shapes."""
-    monkeypatch.setattr(joint_outcome, "approached", lambda *_: fitted_to(1e-3, 1e-3))
+    monkeypatch.setattr(joint_fit, "approached", lambda *_: fitted_to(1e-3, 1e-3))
     monkeypatch.setattr(joint_outcome, "_completed", lambda *_: fitted_to(of_all, of_all))
     final = fitted_to(4e-4, 4e-4)
     found = SimpleNamespace(setup=fitted_to(2e-3, 2e-3), at=final, causes=causes)

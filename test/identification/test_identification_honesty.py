@@ -41,7 +41,7 @@ def test_pictures_that_jump_are_found_and_a_wrong_model_is_none():
 
 
 def test_of_two_wrong_pictures_either_may_be_the_worse_by_model_and_by_sight():
-    """What was seen and what the model misses need not rank them alike."""
+    """The one may be farther from its neighbours, the other from the model."""
     rng = np.random.default_rng(3)
     seen = 1e-4 * rng.normal(size=(90, 10, 3))
     missed = 1e-4 * rng.normal(size=seen.shape)

@@ -21,7 +21,7 @@ from dlo_ros.inference.joint import (
     evaluate,
     simulate,
 )
-from dlo_ros.inference.joint_fit import approached, fit
+from dlo_ros.inference.joint_fit import approached, fit, nearest_err
 from dlo_ros.inference.losses import WHITE
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
@@ -127,14 +127,15 @@ def best_trial(
             # Where the shapes are left by what goes on, the shorter fit is the better explanation.
             shorter = longer.mean_err > at.mean_err >= found.mean_err
             found = fit(found, recordings, 0) if shorter else longer
-            outcome = "gains too little"
+            # A proposal with which predictions stay farther from the shapes is no explanation,
+            # whatever its log evidence.
+            if not gains((found, proposal), at):
+                outcome = "gains too little"
+            elif not comes_nearer(found, at, recordings):
+                outcome = "makes matters worse"
+            else:
+                best, outcome = (found, proposal), "added"
         gain = found.posterior.evidence - at.posterior.evidence
-        # A proposal with which predictions stay farther from the shapes is no explanation, whatever
-        # its log evidence.
-        if not comes_nearer(found, at, recordings):
-            outcome = "makes matters worse"
-        elif best is None and gain >= WORTH:
-            best, outcome = (found, proposal), "added"
         trace.append(Step(number, proposal.label, gain, found.mean_err, outcome))
     return best, trace
 
@@ -294,15 +295,10 @@ def best_gain(
 
 
 def comes_nearer(found: Evaluation, at: Evaluation, recordings: Sequence[Recording]) -> bool:
-    """Whether a fit lies nearer to the shapes than another one, or can come nearer.
-
-    While causes are missing, fits hold slow errors for correlated noise and may lie far from the
-    shapes, with the right cause, too.
-    """
+    """Whether a fit lies nearer to the shapes than another one, or can come nearer."""
     if found.mean_err <= at.mean_err:
         return True
-    there, here = (approached(e, recordings).mean_err for e in (found, at))
-    return there <= here
+    return nearest_err(found, recordings) <= nearest_err(at, recordings)
 
 
 def fitted(

@@ -38,7 +38,7 @@ from dlo_ros.inference.joint import (
     evaluate,
     rejudged,
 )
-from dlo_ros.inference.joint_fit import approached, fit
+from dlo_ros.inference.joint_fit import fit, nearest_err
 from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
@@ -110,7 +110,7 @@ def search(
             offers += _offers_beside(neutral, recordings, begun, offer)
         least = np.inf
         if causes and not _matters(at, recordings, enough):
-            least = (1.0 - LOWERS) * approached(at, recordings).mean_err
+            least = (1.0 - LOWERS) * nearest_err(at, recordings)
         found, steps = best_trial(number, at, offers, recordings, least)
         if first is not None:
             found = best_gain([first, *([found] if found else [])], at, recordings)
@@ -150,23 +150,16 @@ def search(
 
 
 def _matters(at: Evaluation, recordings: Sequence[Recording], enough: float) -> bool:
-    """Whether a model stays farther from the shapes than the measurement errs, and than `enough`.
-
-    As fits drift from the shapes, what counts is how near it can come.
-    """
+    """Whether a model stays farther from the shapes than the measurement errs and `enough` [m]."""
     most = max(OWN * own_err(at, recordings), enough)
-    return at.mean_err > most and approached(at, recordings).mean_err > most
+    return at.mean_err > most and nearest_err(at, recordings) > most
 
 
 def takes_little(found: Trial | None, at: Evaluation, recordings: Sequence[Recording]) -> bool:
-    """Whether a trial comes too little nearer to the shapes than a model to be named.
-
-    While causes are missing, fits hold slow errors for correlated noise and may lie far from the
-    shapes, with the right cause, too: what counts is how near each model can come.
-    """
+    """Whether a trial comes too little nearer to the shapes than a model to be named."""
     if found is None:
         return True
-    here, there = (approached(e, recordings).mean_err for e in (at, found[0]))
+    here, there = (nearest_err(e, recordings) for e in (at, found[0]))
     LOG.info("%s: %.3f mm, %.3f mm without", found[1].label, 1e3 * there, 1e3 * here)
     return there > (1.0 - LOWERS) * here
 

@@ -10,8 +10,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
-import numpy as np
-
 from dlo_ros.diagnosis.explain.candidate_trials import Trial, best_gain
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_proposals
 from dlo_ros.effects import Start
@@ -47,9 +45,7 @@ def best_far_start(
         proposal = proposal_of(meant.settings, start)
         model, _ = with_proposals(meant, [proposal])
         for factor in FACTORS:
-            theta = model.theta()
-            theta[model.index("young_modulus")] += np.log(factor)
-            begins = model.at(theta)
+            begins = model.stiffened(factor)
             try:
                 err = simulate(begins, recordings, ()).mean_err
             except SimulationError as reason:

@@ -37,7 +37,7 @@ from dlo_ros.effects import Scene, Start, effects, starts
 from dlo_ros.effects.base import ROD
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, rejudged, simulate
-from dlo_ros.inference.joint_fit import approached, best_settled, fit
+from dlo_ros.inference.joint_fit import approached, best_settled, fit, nearest_err
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import believed, joint_model
@@ -180,8 +180,7 @@ def explain_again(prepared: Prepared, given: Settings, known: Explanation) -> Ex
     at = fitted(known.at.model, recordings, far=True)
     if at is None:
         return None
-    # Correlated errors let a fit drift from the shapes: what counts is how near the model can come.
-    near, before = approached(at, recordings).mean_err, known.at.mean_err
+    near, before = nearest_err(at, recordings), known.at.mean_err
     LOG.info("known causes: %.3f mm, %.3f mm before", 1e3 * near, 1e3 * before)
     gain = at.posterior.evidence - prepared.setup.posterior.evidence
     if near > max(OWN * before, enough) or (known.proposals and gain < WORTH):
@@ -279,7 +278,7 @@ def _err_without_laws(setup: Evaluation, recordings: Sequence[Recording]) -> flo
     except SimulationError as err:
         LOG.info("the rod as it should be: %s", err)
         return float("inf")
-    return approached(fit(bare, recordings, FIT_ITERATIONS), recordings).mean_err
+    return nearest_err(fit(bare, recordings, FIT_ITERATIONS), recordings)
 
 
 def _one_minimum(found: Search, setup: Evaluation) -> tuple[Search, Evaluation]:

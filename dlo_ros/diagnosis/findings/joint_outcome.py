@@ -47,7 +47,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.offline.initial_fit import Beginning, whitened
 from dlo_ros.identification.offline.without_own_error import without_own_error
 from dlo_ros.inference.joint import Evaluation, Simulated, simulate
-from dlo_ros.inference.joint_fit import approached, fit
+from dlo_ros.inference.joint_fit import fit, nearest_err
 from dlo_ros.inference.losses import TO_REPORT
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
@@ -212,8 +212,7 @@ def _set_up_err(
     if bare.mean_err < matters or not found.causes:  # of what was learned from: is it so of all?
         bare = bare if bare is final else _completed(bare, recordings, known)
         if len(bare.err) == len(recordings) and bare.mean_err >= matters:
-            # Correlated errors let a fit drift from the shapes.
-            return min(bare.mean_err, approached(bare, recordings).mean_err)
+            return nearest_err(bare, recordings)
     return bare.mean_err
 
 

@@ -181,9 +181,8 @@ def _best_start(coarse: tuple[Recording, ...], model: ParametricModel) -> Simula
     begun: dict[int, Simulated] = {}
     failure: SimulationError | None = None
     for k, factor in enumerate(FACTORS):
-        shifted = model.theta() + np.log(factor) * model.axis("young_modulus")
         try:
-            begun[k] = simulate(model.at(shifted), coarse, ())
+            begun[k] = simulate(model.stiffened(factor), coarse, ())
         except SimulationError as err:
             failure = err
     if not begun:

@@ -171,7 +171,7 @@ def bootstrap(
     recordings = found.recordings
     if len(recordings) < 2:
         raise InputError("a bootstrap over recordings needs at least two of them")
-    # The same draws every time, so that an interrupted run can go on.
+    # Every run makes the same draws, so that it can go on with what an interrupted one found.
     draws = np.random.default_rng(0).integers(len(recordings), size=(count, len(recordings)))
     known = before or {}
     missing = [k for k in range(count) if k not in known]

@@ -43,8 +43,8 @@ LOG = logging.getLogger(__name__)
 
 DIRECTIONS = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0], [1.0, 1.0, 1.0, 0]])
 STEPS = (0.05, 0.2, 0.2, 0.1)
-"""What is moved to either side for a difference, and by how much: the logarithms of E, c and t_r,
-each of which moves one of `RATIOS`, and the common scale of all forces."""
+"""Directions in which differences are taken, and the steps to either side: the logarithms of E, c
+and t_r, each of which moves one of `RATIOS`, and the common scale of all forces."""
 GUESS_WEIGHT = 0.01
 """Weight of what was only guessed, where forces were measured."""
 MU = MATERIAL.index("density")
