@@ -45,4 +45,5 @@ def simulated(
     found = field(
         recording, shapes, np.array(moves) if moves else None, np.array([chain[n] for n in names])
     )
-    return Simulated(model, (found,), (np.linalg.norm(found[0], axis=1),), (shapes,))
+    err = np.linalg.norm(found[0], axis=1)
+    return Simulated(model, (found,), (err,), (shapes,), (recording.motion,))

@@ -39,12 +39,14 @@ class Simulated:
             each recording.
         err: eq. (10) per recording and frame [m].
         predicted: control points per recording [m], shape (F, n, 4).
+        motions: power of each recording's motion, see `spectrum`; none where it is not known.
     """
 
     model: ParametricModel
     fields: tuple[Field, ...]
     err: tuple[FloatArray, ...]
     predicted: tuple[FloatArray, ...]
+    motions: tuple[FloatArray, ...]
 
     @property
     def mean_err(self) -> float:
@@ -54,8 +56,8 @@ class Simulated:
     def of(self, chosen: Sequence[int]) -> Simulated:
         """The simulation of some of the recordings."""
         fields, err = (self.fields[k] for k in chosen), (self.err[k] for k in chosen)
-        predicted = (self.predicted[k] for k in chosen)
-        return Simulated(self.model, tuple(fields), tuple(err), tuple(predicted))
+        predicted, motions = (self.predicted[k] for k in chosen), (self.motions[k] for k in chosen)
+        return Simulated(self.model, tuple(fields), tuple(err), tuple(predicted), tuple(motions))
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,8 @@ class Evaluation(Simulated):
     Args:
         spectra: normal equations of each recording.
         variances: variances of the errors of each recording.
-        posterior: linearised at the model's values.
+        posterior: linearised at the model's values; its evidence and the variances are those of
+            these values, not of others to which only the linearised model may come.
         derived: whether the derivatives are those at the model's values, not at others nearby.
     """
 
@@ -104,7 +107,8 @@ def simulate(
             here = here[0], differences(model, recording, wanted, here[0])
         fields.append(here)
     err, predicted = (f.err for f in forecasts), (f.predicted for f in forecasts)
-    return Simulated(model, tuple(fields), tuple(err), tuple(predicted))
+    motions = tuple(r.motion for r in recordings)
+    return Simulated(model, tuple(fields), tuple(err), tuple(predicted), motions)
 
 
 def _boundless(jacobian: FloatArray, model: ParametricModel, names: Sequence[str]) -> bool:
@@ -239,7 +243,8 @@ def rejudged(at: Evaluation) -> Evaluation:
 
 def _spectra(found: Simulated) -> tuple[Spectrum, ...]:
     points = found.model.settings.rod.control_points
-    return tuple(spectrum(r, j, points) for r, j in found.fields)
+    pairs = zip(found.fields, found.motions, strict=True)
+    return tuple(spectrum(r, j, points, motion) for (r, j), motion in pairs)
 
 
 def _evaluation(
@@ -257,15 +262,17 @@ def _evaluation(
     try:
         if fitted:
             length = model.settings.rod.length
-            known, best = fit_variances(spectra, offset, precision, length, variances)
+            known, best = fit_variances(spectra, offset, precision, length, variances, linear=False)
         else:
             known = tuple(variances or ())
-            best = posterior(spectra, known, offset, precision)
+            best = posterior(spectra, known, offset, precision, linear=False)
     except np.linalg.LinAlgError as err:  # priors vanish beside the derivatives
         raise SimulationError(BOUNDLESS) from err
     if not np.isfinite(best.evidence):
         raise SimulationError(BOUNDLESS)
-    return Evaluation(model, found.fields, found.err, found.predicted, spectra, known, best)
+    return Evaluation(
+        model, found.fields, found.err, found.predicted, found.motions, spectra, known, best
+    )
 
 
 def restricted(at: Evaluation, names: Sequence[str]) -> Posterior:
@@ -303,7 +310,7 @@ def linearly_fitted(at: Simulated) -> Evaluation:
     step = model.theta() - at.model.theta()  # within ranges
     fields = moved(at.fields, step)
     err = tuple(np.linalg.norm(r, axis=1) for r, _ in fields)
-    return judged(Simulated(model, fields, err, at.predicted))
+    return judged(Simulated(model, fields, err, at.predicted, at.motions))
 
 
 def as_fine(settings: Settings, recording: Recording) -> Settings:

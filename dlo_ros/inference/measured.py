@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from dlo_ros.errors import InputError
 from dlo_ros.inference.forecast import Manipulation, unit_of
 from dlo_ros.inference.observation_operator import directions, noise_unit, operator_of
 from dlo_ros.inference.smooth_modes import whitening
+from dlo_ros.inference.spectrum import motion_power
 from dlo_ros.inference.thresholds import FEWEST, MOST_GROSS, OUTLIER
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
@@ -61,6 +63,11 @@ class Recording:
     def planar(self) -> bool:
         """Whether the DLO stays in the board's plane."""
         return len(self.noise) <= 2 * int(self.observed.shape[1])
+
+    @cached_property
+    def motion(self) -> FloatArray:
+        """Power of the observed motion at each frequency [m^2], shape (F,)."""
+        return motion_power(self.coefficients(self.observed - self.observed.mean(axis=0)))
 
     def coefficients(self, points: FloatArray) -> FloatArray:
         """Coefficients of differences of control points [m].

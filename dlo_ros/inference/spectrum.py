@@ -41,6 +41,8 @@ class Spectrum:
         white: the same of an error that is white along the DLO, shape (B,).
         nodal: the same of one that every control point has of its own, shape (B,).
         frequency: mean of the bin, in radians a frame, shape (B,).
+        motion: mean square of the DLO's own motion at these frequencies, in a number that is smooth
+            along the DLO as `share` says [m^2], shape (B,).
         still: F where the frequency is zero, else 0: by how much more the variance of an error that
             is the same in all frames is seen there, shape (B,).
     """
@@ -55,6 +57,7 @@ class Spectrum:
     white: FloatArray
     nodal: FloatArray
     frequency: FloatArray
+    motion: FloatArray
     still: FloatArray
 
     @property
@@ -95,13 +98,26 @@ def bands(frames: int) -> list[tuple[int, int]]:
     return list(pairwise(borders))
 
 
-def spectrum(residual: FloatArray, jacobian: FloatArray, control_points: int) -> Spectrum:
+def motion_power(coefficients: FloatArray) -> FloatArray:
+    """Power of a recorded motion at each frequency of the cosine transform [m^2], shape (F,).
+
+    Args:
+        coefficients: of what is moved from where it is in the mean [m], shape (F, K).
+    """
+    return np.asarray(np.sum(dct(coefficients, axis=0, norm="ortho") ** 2, axis=1))
+
+
+def spectrum(
+    residual: FloatArray, jacobian: FloatArray, control_points: int,
+    motion: FloatArray | None = None,
+) -> Spectrum:  # fmt: skip
     """Compress residuals and Jacobians of one recording.
 
     Args:
         residual: coefficients [m], shape (F, K), K = parts * n; see `Recording.across`.
         jacobian: derivatives of the prediction, shape (F, P, K).
         control_points: n.
+        motion: power of the motion, see `motion_power`, shape (F or more,); None: it is not known.
     """
     frames, width = residual.shape
     n = control_points
@@ -121,6 +137,8 @@ def spectrum(residual: FloatArray, jacobian: FloatArray, control_points: int) ->
     again = len(bins) // len(groups)
     share, alone = (np.tile([x[a:b].mean() for a, b in groups], again) for x in (shares, nodal))
     frequency = np.array([np.pi * 0.5 * (low + high - 1) / frames for (low, high), _, _ in bins])
+    power = np.zeros(frames) if motion is None else motion
+    swing = np.array([power[low:high].mean() for (low, high), _, _ in bins])
     return Spectrum(
         frames,
         count=np.array([len(x) for x in values], dtype=np.float64),
@@ -132,5 +150,6 @@ def spectrum(residual: FloatArray, jacobian: FloatArray, control_points: int) ->
         white=np.full(len(bins), 1.0 / n),
         nodal=alone,
         frequency=frequency,
+        motion=swing * share,
         still=np.where(frequency == 0.0, float(frames), 0.0),
     )

@@ -1,15 +1,16 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Error variances by marginal likelihood, with the model's parameters integrated out.
 
-Each recording's error has five components in each direction: noise, white along the DLO; noise of
+Each recording's error has six components in each direction: noise, white along the DLO; noise of
 single control points, which is smoother where these are what is measured; of both, neighbouring
-frames share a part where a tracker smooths them (AR(1)); an error that dies out over
-time (AR(1) as well), which is what the model lacks; and errors that stay, such as those of a
-calibration, and those of edges and shading where the DLO rests: frames of one pose are one
-measurement. What the model lacks and what a calibration does are smooth along the DLO. Their
-variances maximise the marginal likelihood (REML; Patterson and Thompson, Recovery of inter-block
-information, 1971); the model's discrepancy thus widens the posterior (Kennedy and O'Hagan, Bayesian
-calibration of computer models, 2001). Nothing is simulated for it.
+frames share a part where a tracker smooths them (AR(1)); what the model lacks, an error that dies
+out over time (AR(1) as well) and one at the frequencies of the motion, as wrong laws make it; and
+errors that stay, such as those of a calibration, and those of edges and shading where the DLO
+rests: frames of one pose are one measurement. What the model lacks and what a calibration does are
+smooth along the DLO. Their variances maximise the marginal likelihood (REML; Patterson and
+Thompson, Recovery of inter-block information, 1971); the model's discrepancy thus widens the
+posterior (Kennedy and O'Hagan, Bayesian calibration of computer models, 2001). Nothing is simulated
+for it.
 """
 
 from __future__ import annotations
@@ -39,6 +40,9 @@ REPEATED_STD = 0.003
 """Prior standard deviation over L of the errors that stay or die out: careful calibrations err
 less, and what a model lacks is rather explained than put up with (Simpson et al., Penalising model
 component complexity, 2017)."""
+SMALLEST_SWING = -18.0
+"""Smallest logarithm of the mean square of an error at the frequencies of the motion over that of
+the motion."""
 LONGEST_MEMORY = 0.998
 """Largest correlation of neighbouring frames in what the model lacks."""
 NOISE_MEMORY = 0.9
@@ -61,6 +65,8 @@ class Variances:
         fading: smooth along the DLO, shape (D,).
         lasting: the same in all frames, smooth along the DLO, shape (D,).
         rough: the same in all frames, white along the DLO, shape (D,).
+        swinging: at the frequencies of the motion, smooth along the DLO, over the mean square of
+            the motion, shape (D,).
         memory: correlation of neighbouring frames of the fading error.
         noise_memory: the same of both kinds of noise, shape (D,): along the DLO what a detector
             reads off lasts longer than across it.
@@ -71,24 +77,30 @@ class Variances:
     fading: FloatArray
     lasting: FloatArray
     rough: FloatArray
+    swinging: FloatArray
     memory: float
     noise_memory: FloatArray
 
     def of(self, spectrum: Spectrum) -> FloatArray:
         """Variance of a number in each bin [m^2], shape (B,)."""
-        sizes = np.array([self.white, self.nodal, self.fading, self.lasting, self.rough])
+        sizes = np.array([self.white, *self.common])
         rows = _components(spectrum, self.memory, self.noise_memory)
         return np.asarray(np.sum(sizes[:, spectrum.part] * rows, axis=0))
 
+    @property
+    def common(self) -> tuple[FloatArray, ...]:
+        """Variances that all recordings have in common, shape (D,) each."""
+        return self.nodal, self.fading, self.lasting, self.rough, self.swinging
+
 
 def _components(bins: Spectrum, memory: float, noise_memory: FloatArray) -> FloatArray:
-    """Variance in each bin of each component with a variance of one, shape (5, B)."""
+    """Variance in each bin of each component with a variance of one, shape (6, B)."""
     noise = ar1_spectral_density(noise_memory[bins.part], bins.frequency)
     fading = ar1_spectral_density(memory, bins.frequency)
     return np.array(
         [
             noise * bins.white, noise * bins.nodal, fading * bins.share, bins.still * bins.share,
-            bins.still * bins.white,
+            bins.still * bins.white, bins.motion,
         ]
     )  # fmt: skip
 
@@ -110,16 +122,18 @@ class Posterior:
 
 def posterior(
     spectra: Sequence[Spectrum], variances: Sequence[Variances], offset: FloatArray,
-    precision: FloatArray,
+    precision: FloatArray, *, linear: bool = True,
 ) -> Posterior:  # fmt: skip
     """Linearised posterior for given variances.
 
     Args:
         offset: centre of the prior minus the point of linearisation, shape (P,).
         precision: inverse variances of the prior, shape (P,).
+        linear: whether the evidence is that of the linearised model, whose optimum no simulation
+            may reach, or that of the present values.
     """
     v = np.concatenate([v.of(s) for s, v in zip(spectra, variances, strict=True)])
-    return _marginal_likelihood(joined(spectra), v, offset, precision)[0]
+    return _marginal_likelihood(joined(spectra), v, offset, precision, linear)[0]
 
 
 def widened_covariance(
@@ -154,9 +168,13 @@ def widened_covariance(
 
 
 def _marginal_likelihood(
-    bins: Spectrum, v: FloatArray, offset: FloatArray, precision: FloatArray
+    bins: Spectrum, v: FloatArray, offset: FloatArray, precision: FloatArray, linear: bool
 ) -> tuple[Posterior, FloatArray]:
-    """The posterior, and the derivatives of minus the log marginal likelihood by variances."""
+    """The posterior, and the derivatives of minus the log marginal likelihood by variances.
+
+    Args:
+        linear: see `posterior`.
+    """
     each, hessian = 1.0 / v, bins.hessian.reshape(len(v), -1)
     lhs = np.diag(precision) + (each @ hessian).reshape(len(precision), -1)
     rhs = precision * offset + each @ bins.gradient
@@ -170,16 +188,18 @@ def _marginal_likelihood(
     upper = dpotri(factor)[0]
     covariance = (upper + np.triu(upper, 1).T) * np.outer(scale, scale)
     step = covariance @ rhs
-    value -= float(rhs @ step)
+    taken = step if linear else np.zeros_like(step)
+    value -= float(rhs @ taken)
     value += 2.0 * float(np.sum(np.log(np.diag(factor))) - np.sum(np.log(scale)))
-    spread = covariance + np.outer(step, step)
-    left = bins.sum_of_squares - 2.0 * bins.gradient @ step + hessian @ spread.ravel()
+    spread = covariance + np.outer(taken, taken)
+    left = bins.sum_of_squares - 2.0 * bins.gradient @ taken + hessian @ spread.ravel()
     return Posterior(step, covariance, -0.5 * value), 0.5 * each * (bins.count - left * each)
 
 
 def fit_variances(
     spectra: Sequence[Spectrum], offset: FloatArray, precision: FloatArray, length: float,
-    start: Sequence[Variances] | None = None, iterations: int = ITERATIONS,
+    start: Sequence[Variances] | None = None, iterations: int = ITERATIONS, *,
+    linear: bool = True,
 ) -> tuple[tuple[Variances, ...], Posterior]:  # fmt: skip
     """Variances that maximise the marginal likelihood, and the posterior with them.
 
@@ -192,6 +212,7 @@ def fit_variances(
         length: length of the DLO [m].
         start: variances at the start of the search; default: from the residuals.
         iterations: largest number of iterations.
+        linear: see `posterior`.
     """
     x0 = _packed([guess(s, length) for s in spectra])
     if start:
@@ -201,13 +222,13 @@ def fit_variances(
     bounds = _bounds(spectra, _missed(spectra, offset, precision, length), length)
 
     def cost(x: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        value, slope, information = _cost(x, bins, rows, offset, precision)
+        value, slope, information = _cost(x, bins, rows, offset, precision, linear)
         unlikely = _unlikely(x, rows, length)
         return value + float(np.sum(unlikely)), slope + unlikely, information + np.diag(unlikely)
 
     x = scored(cost, x0, bounds, iterations)
     found = _unpacked(x, spectra)
-    best = posterior(spectra, found, offset, precision)
+    best = posterior(spectra, found, offset, precision, linear=linear)
     unlikely = float(np.sum(_unlikely(x, rows, length)))
     return found, replace(best, evidence=best.evidence - unlikely)
 
@@ -228,24 +249,26 @@ def guess(spectrum: Spectrum, length: float) -> Variances:
         each = float(np.sum(spectrum.sum_of_squares[pick]) / np.sum(spectrum.count[pick]))
         staying.append(max(each / float(spectrum.white[0]) / spectrum.frames, least))
     noise, smooth = np.array(white), np.array(fading)
+    motion = max(float(np.sum(spectrum.count * spectrum.motion)) / spectrum.frames, least)
     return Variances(
-        noise, noise, smooth, 0.1 * smooth, np.array(staying), 0.9, np.zeros(spectrum.parts)
+        noise, noise, smooth, 0.1 * smooth, np.array(staying),
+        0.1 * spectrum.parts * smooth / motion, 0.9, np.zeros(spectrum.parts),
     )  # fmt: skip
 
 
 def _packed(found: Sequence[Variances]) -> FloatArray:
     """Logarithms: each recording's white noise, what is common to all, and the memories."""
     own = np.array([v.white for v in found])
-    common = np.mean([[v.nodal, v.fading, v.lasting, v.rough] for v in found], axis=0)
+    common = np.mean([v.common for v in found], axis=0)
     memories = np.log1p(-np.array([found[0].memory, *found[0].noise_memory]))
     return np.concatenate([np.log([*own, *common]).ravel(), memories])
 
 
 def _rows(spectra: Sequence[Spectrum]) -> np.ndarray:
-    """Place of each component's variance in each bin among the packed numbers, shape (5, B)."""
+    """Place of each component's variance in each bin among the packed numbers, shape (6, B)."""
     parts = spectra[0].parts
     own = parts * np.repeat(np.arange(len(spectra)), [len(s.count) for s in spectra])
-    common = [np.full_like(own, parts * (len(spectra) + k)) for k in range(4)]
+    common = [np.full_like(own, parts * (len(spectra) + k)) for k in range(5)]
     return np.asarray(np.array([own, *common]) + np.concatenate([s.part for s in spectra]))
 
 
@@ -297,11 +320,20 @@ def _bounds(spectra: Sequence[Spectrum], missed: Sequence[float], length: float)
     noise = [(each, high) for each in least for _ in range(parts)]
     noise += [(low - 5.0, high)] * parts
     staying = [(low - 5.0, high)] * (2 * parts)
-    return np.array([*noise, *[fading] * parts, *staying, memory, *[noise_memory] * parts])
+    moves = separable and any(s.motion.any() for s in spectra)
+    swinging = (SMALLEST_SWING, 0.0) if moves else (SMALLEST_SWING,) * 2
+    return np.array(
+        [*noise, *[fading] * parts, *staying, *[swinging] * parts, memory, *[noise_memory] * parts]
+    )
 
 
 def _cost(
-    x: FloatArray, bins: Spectrum, rows: np.ndarray, offset: FloatArray, precision: FloatArray
+    x: FloatArray,
+    bins: Spectrum,
+    rows: np.ndarray,
+    offset: FloatArray,
+    precision: FloatArray,
+    linear: bool,
 ) -> tuple[float, FloatArray, FloatArray]:
     """Minus the log marginal likelihood, its derivatives by the packed numbers, and information.
 
@@ -310,7 +342,7 @@ def _cost(
     sizes, memory, noise_memory = _parted(x, bins.parts)
     parts = sizes[rows] * _components(bins, memory, noise_memory)
     variance = parts.sum(axis=0)
-    found, slope = _marginal_likelihood(bins, variance, offset, precision)
+    found, slope = _marginal_likelihood(bins, variance, offset, precision, linear)
     changes, bin_ = np.zeros((len(x), len(variance))), np.arange(len(variance))
     for row, part in zip(rows, parts, strict=True):
         changes[row, bin_] += part
@@ -337,7 +369,7 @@ def _unlikely(x: FloatArray, rows: np.ndarray, length: float) -> FloatArray:
     It is its own derivative.
     """
     place = np.arange(len(x))
-    repeated = (place >= rows[2].min()) & (place <= rows.max())
+    repeated = (place >= rows[2].min()) & (place <= rows[4].max())
     return np.where(repeated, 0.5 * np.exp(x) / (REPEATED_STD * length) ** 2, 0.0)
 
 

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from dlo_ros.inference import variances as core
 from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.inference.smooth_modes import modes
-from dlo_ros.inference.spectrum import bands, joined, nodal_shares, spectrum
+from dlo_ros.inference.spectrum import bands, joined, motion_power, nodal_shares, spectrum
 from dlo_ros.inference.variances import Variances, fit_variances, guess, posterior
 from dlo_ros.parameters import RodParameters, Settings
 
@@ -64,14 +64,17 @@ def test_a_spectrum_keeps_power_and_normal_equations():
     assert np.allclose(s.gradient.sum(axis=0), np.einsum("fpk,fk->p", jacobian, residual))
 
 
-def test_derivatives_of_the_marginal_likelihood():
+@pytest.mark.parametrize("linear", [True, False])
+def test_derivatives_of_the_marginal_likelihood(linear):
     rng = np.random.default_rng(2)
-    spectra = [spectrum(*made(rng, frames)[:2], N) for frames in (40, 60)]
+    spectra = [
+        spectrum(*made(rng, frames)[:2], N, rng.exponential(1e-6, frames)) for frames in (40, 60)
+    ]
     offset, precision = 0.1 * rng.normal(size=6), np.full(6, 10.0)
     bins, rows = joined(spectra), core._rows(spectra)
 
     def cost(x):
-        value, slope, _ = core._cost(x, bins, rows, offset, precision)
+        value, slope, _ = core._cost(x, bins, rows, offset, precision, linear)
         unlikely = core._unlikely(x, rows, LENGTH)
         return value + unlikely.sum(), slope + unlikely
 
@@ -89,6 +92,64 @@ def test_what_the_errors_are_made_of_is_found():
     assert np.sqrt(found.white) == pytest.approx([3e-4, 3e-4], rel=0.1)
     assert np.sqrt(found.fading) == pytest.approx([2e-3, 1e-3], rel=0.25)
     assert found.memory == pytest.approx(0.9, abs=0.05)
+
+
+def swinging(rng, frames, size):
+    """A swing of unit mean square that wanders in phase, and an error of it, (F, n) [m] each."""
+    vectors, shares = modes(N)
+    poles = 0.98 * np.exp(np.array([1j, -1j]) * 0.4)
+    a = np.real(np.poly(poles))
+    motion, error = (
+        lfilter([1.0], a, rng.normal(size=(frames + 200, N)) * np.sqrt(shares), axis=0)[200:]
+        for _ in range(2)
+    )
+    unit = np.sqrt(np.mean(np.sum(motion**2, axis=1)))
+    return motion / unit @ vectors.T, size * error / unit @ vectors.T
+
+
+def test_an_error_at_the_frequencies_of_the_motion_is_one_of_the_laws():
+    """As noise that dies out it would count for little there, and numbers would be too certain."""
+    rng = np.random.default_rng(11)
+    off = []
+    for _ in range(40):
+        jacobian = lfilter([1.0], [1.0, -0.9], 1e-2 * rng.normal(size=(300, 2, 2 * N)), axis=0)
+        jacobian[:, :, N:] *= 1e-3
+        motion, error = swinging(rng, 300, 0.05)
+        jacobian[:, 0, :N] = motion
+        residual = 1e-4 * rng.normal(size=(300, 2 * N))
+        residual[:, :N] += error
+        power = motion_power(motion)
+        rows = []
+        for known in (power, None):
+            s = spectrum(residual, jacobian, N, known)
+            (v,), found = fit_variances([s], np.zeros(2), np.full(2, 1.0), LENGTH)
+            rows.append((found.step[0] / np.sqrt(found.covariance[0, 0]), v.swinging[0]))
+        off.append(rows)
+    here, without = np.array(off)[:, 0], np.array(off)[:, 1]
+    assert np.median(np.sqrt(here[:, 1])) == pytest.approx(0.05, rel=0.2)
+    assert np.median(without[:, 1]) < 1e-6
+    assert np.std(here[:, 0]) == pytest.approx(1.0, abs=0.35)
+    assert np.std(without[:, 0]) > 1.5 * np.std(here[:, 0])
+
+
+def test_evidence_is_that_of_the_present_values_or_of_those_promised_by_the_derivatives():
+    rng = np.random.default_rng(12)
+    residual, jacobian, _ = made(rng)
+    fitted = residual - np.einsum("fpk,p->fk", jacobian, offset_fit(residual, jacobian))
+    for here, gains in ((residual, True), (fitted, False)):
+        s = spectrum(here, jacobian, N)
+        flat = np.zeros(6), np.full(6, 1e-3)
+        ((v,), promised), ((w,), present) = (
+            fit_variances([s], *flat, LENGTH, linear=linear) for linear in (True, False)
+        )
+        assert (promised.evidence > present.evidence + 10.0) == gains
+        assert np.all(w.white + w.fading > 2.0 * (v.white + v.fading)) == gains
+
+
+def offset_fit(residual, jacobian):
+    """The parameters' change that fits best with the variances of its own."""
+    s = spectrum(residual, jacobian, N)
+    return fit_variances([s], np.zeros(6), np.full(6, 1e-3), LENGTH)[1].step
 
 
 def test_a_residual_of_many_lengths_is_no_error():
@@ -218,7 +279,7 @@ def test_a_needless_parameter_costs_evidence():
     residual, jacobian, _ = made(rng)
     needless = np.concatenate([jacobian, rng.normal(size=(250, 1, 2 * N))], axis=1)
     tiny = np.full(2, 1e-12)
-    v = [Variances(np.full(2, 9e-8), tiny, np.full(2, 4e-6), tiny, tiny, 0.9, np.zeros(2))]
+    v = [Variances(np.full(2, 9e-8), tiny, np.full(2, 4e-6), tiny, tiny, tiny, 0.9, np.zeros(2))]
     spare = posterior([spectrum(residual, jacobian, N)], v, np.zeros(6), np.full(6, 100.0))
     more = posterior([spectrum(residual, needless, N)], v, np.zeros(7), np.full(7, 1e-2))
     assert more.evidence < spare.evidence - 1.0

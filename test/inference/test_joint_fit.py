@@ -158,3 +158,10 @@ def test_a_number_at_the_end_of_its_range_takes_no_other_with_it(fitted):
         step[others], np.linalg.solve(lhs[np.ix_(others, others)], rhs[others])
     )
     np.testing.assert_allclose(joint_fit._step(model, lhs, -rhs), np.linalg.solve(lhs, -rhs))
+
+
+def test_a_fit_that_ends_in_a_wrong_minimum_begins_elsewhere(fitted):
+    at, recordings = fitted
+    far = joint.evaluate(at.model.stiffened(0.01), recordings)
+    assert joint_fit.settled(far, recordings).mean_err > 3.0 * at.mean_err
+    assert joint_fit.best_settled(far, recordings).mean_err < 1.2 * at.mean_err

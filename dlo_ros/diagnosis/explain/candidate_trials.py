@@ -201,7 +201,7 @@ def _with_columns(at: Evaluation, predicted: PredictedGain) -> Evaluation:
     # Of other parameters no derivative is known yet: a column of zeros stands behind the others.
     place = [names.index(n) if n in names else len(names) for n in model.names]
     known = tuple((r, np.pad(j, ((0, 0), (0, 1), (0, 0)))[:, place]) for r, j in fields)
-    return compared(Simulated(model, known, at.err, at.predicted), at.variances)
+    return compared(Simulated(model, known, at.err, at.predicted, at.motions), at.variances)
 
 
 def _held(model: ParametricModel, known: Collection[str]) -> ParametricModel:

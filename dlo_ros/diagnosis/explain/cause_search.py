@@ -256,8 +256,11 @@ def linear_loss(at: Evaluation, cause: Proposal, *, wholly: bool = False) -> flo
         bare = at.model.with_prior([p.held() for p in cause.parameters])
     else:
         return 0.0
-    found = linear_posterior(at, at.spectra, bare.offset(), bare.precision())
-    return at.posterior.evidence - found.evidence
+    here, there = (
+        linear_posterior(at, at.spectra, model.offset(), model.precision())
+        for model in (at.model, bare)
+    )
+    return here.evidence - there.evidence
 
 
 def without(

@@ -221,34 +221,46 @@ def predicted_gains(
             at.fields,
             [np.concatenate(x, axis=1) for x in zip(*(extra[id(p)] for p in adding), strict=True)],
         )
-        spectra = tuple(spectrum(r, j, n) for r, j in wide)
+        pairs = zip(wide, at.motions, strict=True)
+        spectra = tuple(spectrum(r, j, n, motion) for (r, j), motion in pairs)
     own = len(at.model.parameters)
     first, result = own, []
+    before = linear_posterior(at, at.spectra, at.model.offset(), at.model.precision()).evidence
     for p in proposals:
         if p.start is None:
-            result.append(_freed(at, p))
+            result.append(_freed(at, p, before))
             continue
         last = first + extra[id(p)][0].shape[1]
         pick = [*range(own), *range(first, last)]
         first = last
         try:
-            found = _added(at, p, tuple(s.chosen(pick) for s in spectra))
+            found = _added(at, p, tuple(s.chosen(pick) for s in spectra), before)
         except np.linalg.LinAlgError:  # derivatives so steep that priors vanish beside them
             continue
         result.append(replace(found, columns=extra[id(p)]))
     return result
 
 
-def _freed(at: Evaluation, proposal: Proposal) -> PredictedGain:
-    """The predicted gain of numbers of the set-up that leave their tolerance."""
+def _freed(at: Evaluation, proposal: Proposal, before: float) -> PredictedGain:
+    """The predicted gain of numbers of the set-up that leave their tolerance.
+
+    Args:
+        before: log evidence of the linearised model without that.
+    """
     model = at.model.with_prior(proposal.parameters)
     found = linear_posterior(at, at.spectra, model.offset(), model.precision())
-    gain = found.evidence - at.posterior.evidence
+    gain = found.evidence - before
     return PredictedGain(proposal, gain, model, model.at(model.theta() + found.step))
 
 
-def _added(at: Evaluation, proposal: Proposal, spectra: Sequence[Spectrum]) -> PredictedGain:
-    """The predicted gain of an effect, whose changes are the last columns of the spectra."""
+def _added(
+    at: Evaluation, proposal: Proposal, spectra: Sequence[Spectrum], before: float
+) -> PredictedGain:
+    """The predicted gain of an effect, whose changes are the last columns of the spectra.
+
+    Args:
+        before: log evidence of the linearised model without it.
+    """
     assert proposal.start is not None
     offset, precision = linear_prior(at.model.settings, proposal)
     found = linear_posterior(
@@ -267,7 +279,7 @@ def _added(at: Evaluation, proposal: Proposal, spectra: Sequence[Spectrum]) -> P
     theta = model.theta()
     for name, x in zip(names, step, strict=True):
         theta[model.index(name)] += x
-    gain = found.evidence - at.posterior.evidence
+    gain = found.evidence - before
     return PredictedGain(proposal, gain, model, model.at(theta))
 
 

@@ -178,7 +178,8 @@ def _evidence_lost(
     here = field(seen, begin.predicted, begin.sensitivity, model.chain())
     parts = here[0].shape[1] // seen.observed.shape[1]
     known = (observer_variances(model.settings, noise, parts),)
-    found = compared(Simulated(model, (here,), (begin.err,), (begin.predicted,)), known)
+    begun = Simulated(model, (here,), (begin.err,), (begin.predicted,), (seen.motion,))
+    found = compared(begun, known)
     found = fit(found, [seen], refits, loss=CorrelatedLoss(known=known), draft=True)
     (bins,) = found.spectra
     offset, precision = found.model.offset(), found.model.precision()

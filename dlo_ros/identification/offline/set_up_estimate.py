@@ -90,7 +90,8 @@ def weighed(begun: Beginning, given: Settings) -> MaterialFit:
     exact, recordings = begun.at, begun.recordings
     try:
         start = _open(exact, recordings, given)
-        if start is None or start.posterior.evidence < _stated(start) - NAMED:
+        opened = None if start is None else restricted(start, start.model.names).evidence
+        if start is None or opened is None or opened < _stated(start) - NAMED:
             return _reported(begun, exact, recordings)
         at = best_settled(start, recordings)
         probability = float(expit(at.posterior.evidence - _stated(start)))

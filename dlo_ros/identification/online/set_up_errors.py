@@ -135,9 +135,11 @@ def _linearised(model: ParametricModel, recording: Recording) -> Pieces[Evaluati
     found = yield from simulated(model, recording, model.names)
     yield LONG
     rod, (field,) = model.settings.rod, found.fields
-    bins = spectrum(*field, rod.control_points)
+    bins = spectrum(*field, rod.control_points, *found.motions)
     fitted = yield from fitted_variances(bins, model.offset(), model.precision(), rod.length)
-    return Evaluation(model, found.fields, found.err, found.predicted, (bins,), *fitted)
+    return Evaluation(
+        model, found.fields, found.err, found.predicted, found.motions, (bins,), *fitted
+    )
 
 
 def _shifts(here: Evaluation, scale: float, prior: FloatArray) -> Pieces[tuple[FloatArray, ...]]:
