@@ -284,3 +284,26 @@ def test_what_was_measured_beforehand_stays_near_its_value():
     assert far.density / weighed.rod.density == pytest.approx(np.exp(0.04))
     # A modulus that is only guessed may be anything.
     assert far.young_modulus / weighed.rod.young_modulus == pytest.approx(np.e)
+
+
+@pytest.mark.parametrize(("near", "kept"), [(1.05e-3, []), (1.5e-3, ["camera_rotation"])])
+def test_in_a_wrong_model_the_set_up_stays_within_tolerance(monkeypatch, near, kept):
+    """Numbers beyond it that bring the model no nearer would spoil other motions."""
+    turned = SimpleNamespace(effect="camera_rotation", label="camera_rotation", start=None)
+    at = evaluation(100.0, 1e-3)
+    at.model = SimpleNamespace(settings=PAPER)
+    within = evaluation(60.0, near)
+    within.model = at.model
+
+    def without(_, group, __, wholly):
+        assert group is turned and not wholly
+        return within
+
+    monkeypatch.setattr(cause_naming, "without", without)
+    monkeypatch.setattr(joint_fit, "approached", lambda at, *_: at)
+    monkeypatch.setattr(cause_naming, "_guessed_dampings", lambda _: [])
+    search = cause_search.Search(at, (turned,), (), None)
+    found, bares, _ = cause_naming.without_needless(search, (), [], complete=False)
+    assert [c.effect for c in found.causes] == kept
+    assert found.at is (at if kept else within)
+    assert not bares  # of numbers of the set-up, naming needs fits with all of them at neutral

@@ -88,8 +88,9 @@ def without_needless(
 
     Where something is left unexplained, evidence is that of a wrong model: it is raised by whatever
     mends that model's laws a little in these manipulations, and in others that makes matters worse.
-    There only what brings the model nearer to the shapes is kept. Guessed dampings are tried first:
-    one has its guess again where the model, with all added effects, does as well with the guess.
+    There only what brings the model nearer to the shapes is kept; numbers of the set-up that bring
+    it no nearer are within their tolerance again. Guessed dampings are tried first: one has its
+    guess again where the model, with all added effects, does as well with the guess.
 
     Args:
         found: what the search has found.
@@ -102,16 +103,18 @@ def without_needless(
     """
     at, causes, shifts = found.at, found.causes, {}
     bares: Bares = {}
-    added = [c for c in reversed(found.causes) if c.start is not None]
-    for group in added if complete else [*_guessed_dampings(at), *added]:
+    groups = [c for c in reversed(found.causes) if c.start is not None or not complete]
+    for group in groups if complete else [*_guessed_dampings(at), *groups]:
         if complete and linear_loss(at, group, wholly=True) > INDISPENSABLE:
             continue
-        bare = without(at, group, recordings, wholly=True)
+        freed_ = group in found.causes and group.start is None
+        bare = without(at, group, recordings, wholly=not freed_)
         needed = bare is None or _needed(at, bare, group, begun)
         if bare is None or (
             needed and (complete or not takes_little((at, group), bare, recordings))
         ):
-            bares[group.label] = bare
+            if not freed_:
+                bares[group.label] = bare
             continue
         LOG.info("left out: %s", group.label)
         shifts[group.effect] = _log_ratio(bare) - _log_ratio(at)
