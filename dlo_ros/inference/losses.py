@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from dlo_ros.inference.joint import Evaluation, Field
+from dlo_ros.inference.spectrum import Spectrum, joined
 from dlo_ros.inference.variances import Variances
 from dlo_ros.spline import FloatArray
 
@@ -20,6 +21,16 @@ CONVERGED_TO_REPORT = 0.01
 deviation from its best value, with this one a seventh."""
 WHITE_CONVERGED = 0.05
 """Gain over the whole misfit, at which a fit ends that takes all that is left for white noise."""
+
+
+def independent(spectra: Sequence[Spectrum]) -> float:
+    """Number of independent residuals: the participation ratio of their spectrum.
+
+    A model that is wrong leaves few modes and frequencies, with thousands of residuals.
+    """
+    bins = joined(spectra)
+    squares = float(bins.sum_of_squares.sum())
+    return squares**2 / float(np.sum(bins.sum_of_squares**2 / bins.count))
 
 
 @dataclass(frozen=True)
@@ -96,10 +107,10 @@ class WhiteLoss:
             return list(at.fields)
         return [(r / n, j / n) for (r, j), n in zip(at.fields, self.noise, strict=True)]
 
-    def _squares(self, at: Evaluation) -> tuple[float, int]:
-        """Sum of squared residuals, and their number."""
-        residuals = [r for r, _ in self._fields(at)]
-        return sum(float(np.sum(r**2)) for r in residuals), sum(r.size for r in residuals)
+    def _squares(self, at: Evaluation) -> tuple[float, float]:
+        """Sum of squared residuals, and the number of them that are independent of one another."""
+        squares = sum(float(np.sum(r**2)) for r, _ in self._fields(at))
+        return squares, independent(at.spectra)
 
 
 Loss = CorrelatedLoss | WhiteLoss

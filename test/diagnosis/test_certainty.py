@@ -21,6 +21,7 @@ from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.proposals.linear_evidence import freed, proposal_of, with_proposals
 from dlo_ros.effects import Start, starts
 from dlo_ros.identification.offline.initial_fit import begin
+from dlo_ros.inference.joint import evaluate
 from dlo_ros.inference.thresholds import BEYOND
 
 PEG = {"x": 0.1, "z": -0.1, "radius": 0.01}
@@ -122,7 +123,7 @@ def test_a_plug_is_none_of_which_neither_mass_nor_length_is_known(prepared):
     model, _ = with_proposals(
         prepared.setup.model, [proposal := proposal_of(prepared.setup.model.settings, plug)]
     )
-    at = fitted_model(model, prepared.recordings)
+    at = evaluate(model, prepared.recordings)
     mass, extent = (at.model.index(f"effects.connector.{key}") for key in keys)
     size = abs(at.model.theta()[mass] - at.model.parameters[mass].inner(0.0))
     log = at.model.parameters[extent].logarithmic

@@ -123,7 +123,7 @@ def test_a_draft_needs_no_derivatives_at_its_end(fitted, monkeypatch):
 def test_a_small_gain_of_a_damped_step_ends_no_fit(fitted, monkeypatch, loss):
     at, recordings = fitted
     far = borrowed(at, moved_by(at, ANGLE, 0.1), recordings)
-    monkeypatch.setattr(joint_fit, "MARQUARDT_DAMPING", 1e3)
+    monkeypatch.setattr(joint_fit, "MARQUARDT_DAMPING", 10.0)
     found = joint_fit.fit(far, recordings, 12, loss=loss)
     assert found.mean_err < at.mean_err + 0.1 * far.mean_err
 
@@ -162,6 +162,16 @@ def test_a_number_at_the_end_of_its_range_takes_no_other_with_it(fitted):
 
 def test_a_fit_that_ends_in_a_wrong_minimum_begins_elsewhere(fitted):
     at, recordings = fitted
-    far = joint.evaluate(at.model.stiffened(0.01), recordings)
+    turned = moved_by(at, ANGLE, -0.3)
+    far = joint.evaluate(turned.stiffened(1e-3), recordings)
     assert joint_fit.settled(far, recordings).mean_err > 3.0 * at.mean_err
     assert joint_fit.best_settled(far, recordings).mean_err < 1.2 * at.mean_err
+
+
+@pytest.mark.parametrize("factor", [0.01, 0.1, 10.0, 100.0])
+@pytest.mark.parametrize("angle", [-0.3, 0.3])
+def test_a_fit_from_far_away_finds_the_minimum(fitted, factor, angle):
+    """Residuals that are not independent weigh no more than their number: priors hold the rest."""
+    at, recordings = fitted
+    far = joint.evaluate(moved_by(at, ANGLE, angle).stiffened(factor), recordings)
+    assert joint_fit.settled(far, recordings).mean_err < 1.2 * at.mean_err

@@ -8,7 +8,8 @@ import pytest
 from experiment_recordings import fitted_set_up
 
 from dlo_ros.inference.joint import judged, moved
-from dlo_ros.inference.losses import CORRELATED, WHITE, WhiteLoss, misfit
+from dlo_ros.inference.losses import CORRELATED, WHITE, WhiteLoss, independent, misfit
+from dlo_ros.inference.spectrum import spectrum
 
 
 @pytest.fixture(scope="module")
@@ -35,10 +36,24 @@ def test_white_noise_leads_to_the_least_squares_answer(fitted, weighed):
     rows = np.concatenate([j.transpose(0, 2, 1).reshape(-1, size) for _, j in fields])
     left = np.concatenate([r.ravel() for r, _ in fields])
     hessian, gradient = WhiteLoss(noise).normal_equations(at)
-    variance = np.mean(left**2)
-    assert hessian == pytest.approx(rows.T @ rows / variance, rel=1e-6)
-    assert gradient == pytest.approx(rows.T @ left / variance, rel=1e-6, abs=1e-9)
-    assert WhiteLoss(noise).value(at, at) == pytest.approx(0.5 * len(left))
+    count = independent(at.spectra)
+    weight = count / np.sum(left**2)
+    assert hessian == pytest.approx(weight * rows.T @ rows, rel=1e-6)
+    assert gradient == pytest.approx(weight * rows.T @ left, rel=1e-6, abs=1e-9)
+    assert WhiteLoss(noise).value(at, at) == pytest.approx(0.5 * count)
+
+
+def test_residuals_count_as_far_as_they_are_independent():
+    """All of white noise, and a few of a model that misses a slow swing."""
+    rng = np.random.default_rng(2)
+    n, frames = 10, 200
+    nothing = np.zeros((frames, 1, 2 * n))
+    white = rng.normal(size=(frames, 2 * n))
+    slow = np.sin(0.1 * np.arange(frames))[:, None] * np.linspace(0.0, 1.0, 2 * n)
+    everything, few = (independent([spectrum(r, nothing, n)]) for r in (white, slow))
+    assert everything == pytest.approx(white.size, rel=0.1)
+    assert few < 0.02 * white.size
+    assert independent([spectrum(3.0 * slow, nothing, n)]) == pytest.approx(few)
 
 
 @pytest.mark.parametrize("loss", [CORRELATED, WHITE])

@@ -87,9 +87,10 @@ def best_trial(
     trace: list[Step] = []
     checked: list[tuple[float, PredictedGain]] = []
     for origin, predictions in offers:
-        for k, predicted in enumerate(predictions):
+        promising = _promising(predictions)
+        for predicted in predictions:
             name = predicted.proposal.label
-            if k >= CHECKED or predicted.gain < max(WORTH, PROMISING * predictions[0].gain):
+            if not any(predicted is p for p in promising):
                 trace.append(Step(number, name, predicted.gain, None, "predicted to gain less"))
                 continue
             try:
@@ -97,7 +98,7 @@ def best_trial(
             except SimulationError as reason:
                 LOG.info("%s: %s", name, reason)
                 trace.append(Step(number, name, predicted.gain, None, "cannot be simulated"))
-    checked = _various(checked)
+    checked = _various(sorted(checked, key=lambda row: row[0]))
     if all(err > least for err, _ in checked):
         rows = [(p.proposal.label, p.gain, err) for err, p in checked]
         return None, [*trace, *(Step(number, *row, "takes too little") for row in rows)]
@@ -140,21 +141,31 @@ def best_trial(
     return best, trace
 
 
-def _various(checked: Sequence[tuple[float, PredictedGain]]) -> list[tuple[float, PredictedGain]]:
-    """Proposals by the ERR with which their fits begin, the best of each effect before its others.
+def _promising(predictions: Sequence[PredictedGain]) -> list[PredictedGain]:
+    """Proposals worth a simulation, of some predictions that stand by their gains.
 
-    From one start of an effect, a fit mostly finds what it would have found from another one.
+    The best of each effect is one of them: gains of effects that act otherwise when they are large,
+    as a creep does, are predicted too small.
     """
+    various = [row for _, row in _various([(p.gain, p) for p in predictions])]
+    kinds = len({_kind(p) for p in predictions})
+    least = max((p.gain for p in predictions), default=0.0) * PROMISING
+    found = [p for k, p in enumerate(various) if p.gain >= (WORTH if k < kinds else least)]
+    return [p for p in found if p.gain >= WORTH][:CHECKED]
+
+
+def _kind(predicted: PredictedGain) -> str:
+    """From one start of an effect, a fit mostly finds what it would have found from another one."""
+    proposal = predicted.proposal
+    return proposal.label if proposal.start is None else proposal.effect
+
+
+def _various(rows: Sequence[tuple[float, PredictedGain]]) -> list[tuple[float, PredictedGain]]:
+    """Proposals, best first, with the best of each effect before its others."""
     first: dict[str, tuple[float, PredictedGain]] = {}
-    rest: list[tuple[float, PredictedGain]] = []
-    for row in sorted(checked, key=lambda row: row[0]):
-        proposal = row[1].proposal
-        kind = proposal.label if proposal.start is None else proposal.effect
-        if kind in first:
-            rest.append(row)
-        else:
-            first[kind] = row
-    return [*first.values(), *rest]
+    for row in rows:
+        first.setdefault(_kind(row[1]), row)
+    return [*first.values(), *(row for row in rows if row is not first[_kind(row[1])])]
 
 
 def _best_first(begun: Sequence[Trial], at: Evaluation) -> list[Trial]:
