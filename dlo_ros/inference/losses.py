@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from scipy.special import xlogy
 
 from dlo_ros.inference.joint import Evaluation, Field
 from dlo_ros.inference.spectrum import Spectrum, joined
@@ -24,13 +25,14 @@ WHITE_CONVERGED = 0.05
 
 
 def independent(spectra: Sequence[Spectrum]) -> float:
-    """Number of independent residuals: the participation ratio of their spectrum.
+    """Number of independent residuals: the exponential of their spectrum's entropy.
 
-    A model that is wrong leaves few modes and frequencies, with thousands of residuals.
+    A model that is wrong leaves few modes and frequencies, with thousands of residuals (Roy and
+    Vetterli, The effective rank, 2007).
     """
     bins = joined(spectra)
-    squares = float(bins.sum_of_squares.sum())
-    return squares**2 / float(np.sum(bins.sum_of_squares**2 / bins.count))
+    share = bins.sum_of_squares / bins.sum_of_squares.sum()
+    return float(np.exp(-np.sum(xlogy(share, share / bins.count))))
 
 
 @dataclass(frozen=True)
