@@ -40,8 +40,8 @@ WHITE_ITERATIONS, ITERATIONS = 20, 25
 """Iterations with all that is left as white noise, and with correlated errors after that."""
 FARTHER = 1.1
 """ERR over that at the beginning of a fit and what does not matter, beyond which no step leads
-whatever its likelihood, unless it comes back from there: an error that dies out holds whole swings
-for little, and the fit would follow their rapid part alone into a wrong minimum."""
+whatever its likelihood: an error that dies out holds whole swings for little, and the fit would
+follow their rapid part alone into a wrong minimum."""
 STEPS = 4
 """Steps by which models come nearer to the shapes before they are compared."""
 FACTORS_OF_E = (0.25, 4.0)
@@ -52,7 +52,7 @@ SECANTS = 3
 
 def fit(
     start: Evaluation, recordings: Sequence[Recording], iterations: int, *,
-    loss: Loss = CORRELATED, draft: bool = False, passes: bool = False,
+    loss: Loss = CORRELATED, draft: bool = False,
 ) -> Evaluation:  # fmt: skip
     """Levenberg-Marquardt, with variances that are fitted anew in each iteration.
 
@@ -64,37 +64,15 @@ def fit(
             what its parameters can explain, and all that is left is better white noise.
         draft: whether derivatives that predicted the last steps will do for the result, which is
             then fitted further, or compared with others that are far off.
-        passes: whether the fit may go through worse shapes, see `FARTHER`, to better ones; where
-            that is the only way, it takes two or three times as long.
     """
     settings = start.model.settings
     immaterial = settings.diagnosis.material_err * settings.rod.length
     most = FARTHER * (start.mean_err + immaterial) if loss.fits_variances else np.inf
-    at, held_back = _descended(start, recordings, iterations, loss, most)
-    if held_back and passes:
-        beyond, _ = _descended(at, recordings, iterations, loss, np.inf)
-        back = _differentiated(approached(beyond, recordings), recordings)
-        if back.mean_err < at.mean_err and back.posterior.evidence > at.posterior.evidence:
-            at, _ = _descended(back, recordings, iterations, loss, most)
-    if at.derived:
-        return at
-    return _rejudged(at) if draft else _differentiated(at, recordings)
-
-
-def _descended(
-    start: Evaluation, recordings: Sequence[Recording], iterations: int, loss: Loss, most: float
-) -> tuple[Evaluation, bool]:
-    """The fit, perhaps without derivatives of its own, and whether `most` held back its last step.
-
-    Args:
-        most: ERR beyond which no step leads [m].
-    """
     at, way, secants = start, _Way(MARQUARDT_DAMPING, LONGEST_STEP), 0
-    held_back = False
     for _ in range(iterations):
         derived = at.derived
         found = _improved(at, recordings, way, loss, TRIES if derived else 1, most)
-        way, sure, held_back = found.way, derived or found.gain_predicted, found.held_back
+        way, sure = found.way, derived or found.gain_predicted
         if found.at is None and derived:
             break
         before = at
@@ -110,7 +88,9 @@ def _descended(
             at, secants = _corrected(before, at), secants + 1
         if loss.fits_variances:
             at = _rejudged(at)
-    return at, held_back
+    if at.derived:
+        return at
+    return _rejudged(at) if draft else _differentiated(at, recordings)
 
 
 def approached(
@@ -243,13 +223,11 @@ class _Improvement:
         at: better evaluation, with the derivatives from before; None where none was found.
         way: state of the search for the next iteration.
         gain_predicted: whether the derivatives predicted the gain.
-        held_back: whether a step would gain but leads too far from the shapes.
     """
 
     at: Evaluation | None
     way: _Way
     gain_predicted: bool
-    held_back: bool = False
 
 
 def _improved(
@@ -271,7 +249,7 @@ def _improved(
             continue
         ratio = _gain(at, trial, loss) / _expected(step, lhs, rhs)
         if ratio > 0.0 and trial.mean_err > most:
-            return _Improvement(None, _Way(damping, LONGEST_STEP), False, held_back=True)
+            return _Improvement(None, _Way(damping, LONGEST_STEP), False)
         if ratio > GOOD:
             return _Improvement(trial, _Way(EASIER * damping, LONGER * way.longest), True)
         if ratio > 0.0:

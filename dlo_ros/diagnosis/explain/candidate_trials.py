@@ -103,13 +103,16 @@ def best_trial(
         rows = [(p.proposal.label, p.gain, err) for err, p in checked]
         return None, [*trace, *(Step(number, *row, "takes too little") for row in rows)]
     # A few steps tell little of what must leave the set-up's wrong valley first: one trial is that
-    # of the largest predicted gain.
-    most = max(range(len(checked)), key=lambda k: checked[k][1].gain, default=0)
-    if most >= TRIALS:
+    # of the largest predicted gain, of another effect.
+    nearest = {_kind(p) for _, p in checked[: TRIALS - 1]}
+    others = [k for k, (_, p) in enumerate(checked) if _kind(p) not in nearest]
+    if others:
+        most = max(others, key=lambda k: checked[k][1].gain)
         checked.insert(TRIALS - 1, checked.pop(most))
     begun: list[Trial] = []
     for k, (err, predicted) in enumerate(checked):
         name = predicted.proposal.label
+        LOG.info("%s: its fit begins %.3f mm off", name, 1e3 * err)
         if k >= TRIALS or err > MUCH_LARGER * at.mean_err:
             outcome = "others come nearer" if k >= TRIALS else "makes matters worse"
             trace.append(Step(number, name, predicted.gain, err, outcome))
@@ -124,7 +127,7 @@ def best_trial(
     for found, proposal in _best_first(begun, at):
         outcome = "fitted, but another gains more"
         if best is None:
-            longer = fit(found, recordings, FIT_ITERATIONS, passes=True)
+            longer = fit(found, recordings, FIT_ITERATIONS)
             # Where the shapes are left by what goes on, the shorter fit is the better explanation.
             shorter = longer.mean_err > at.mean_err >= found.mean_err
             found = fit(found, recordings, 0) if shorter else longer
@@ -326,7 +329,7 @@ def fitted(
         begin = evaluate(model, recordings)
         if far:
             begin = fit(begin, recordings, iterations, loss=WHITE, draft=True)
-        return fit(begin, recordings, iterations, draft=draft, passes=not draft)
+        return fit(begin, recordings, iterations, draft=draft)
     except SimulationError as err:
         LOG.info("not fitted: %s", err)
         return None

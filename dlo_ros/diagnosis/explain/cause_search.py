@@ -286,7 +286,7 @@ def without(
     if not begun:
         return None
     nearest = min(begun, key=lambda e: misfit(e, at))
-    return fit(nearest, recordings, FIT_ITERATIONS, passes=True)
+    return fit(nearest, recordings, FIT_ITERATIONS)
 
 
 def _neutral(model: ParametricModel, cause: Proposal) -> ParametricModel:
