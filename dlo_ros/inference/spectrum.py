@@ -22,8 +22,6 @@ from dlo_ros.spline import FloatArray
 
 GROWTH = 1.6
 """Ratio of neighbouring frequency bins' borders."""
-LEVELS = (0.01, 0.1)
-"""Power of the motion at a frequency over the largest one of its bin, by which bins are parted."""
 MODE_GROUPS = (0, 1, 2, 3, 5, 8)
 """First mode of each group of modes along the DLO, smoothest first."""
 
@@ -100,22 +98,6 @@ def bands(frames: int) -> list[tuple[int, int]]:
     return list(pairwise(borders))
 
 
-def lines(frames: int, motion: FloatArray | None) -> list[np.ndarray]:
-    """Frequencies of each bin: those of a band, apart where the motion is strong, weak or neither.
-
-    A swing has few frequencies, and so has what a wrong law does to it.
-    """
-    result = []
-    for low, high in bands(frames):
-        band = np.arange(low, high)
-        if motion is None or not motion[low:high].any():
-            result.append(band)
-            continue
-        level = np.digitize(motion[low:high] / motion[low:high].max(), LEVELS)
-        result += [band[level == k] for k in range(len(LEVELS) + 1) if np.any(level == k)]
-    return result
-
-
 def motion_power(coefficients: FloatArray) -> FloatArray:
     """Power of a recorded motion at each frequency of the cosine transform [m^2], shape (F,).
 
@@ -146,17 +128,17 @@ def spectrum(
     both = both.reshape(frames, -1, width // n, n).transpose(2, 3, 0, 1)
     both = np.ascontiguousarray(both)  # (parts, n, F, 1 + P)
     groups = list(pairwise([*(g for g in MODE_GROUPS if g < n), n]))
-    bins = list(product(lines(frames, motion), range(width // n), groups))
+    bins = list(product(bands(frames), range(width // n), groups))
     values = [
-        both[part, first:last, line].reshape(-1, both.shape[3])
-        for line, part, (first, last) in bins
+        both[part, first:last, low:high].reshape(-1, both.shape[3])
+        for (low, high), part, (first, last) in bins
     ]
     products = np.array([x.T @ x for x in values])  # (B, 1 + P, 1 + P)
     again = len(bins) // len(groups)
     share, alone = (np.tile([x[a:b].mean() for a, b in groups], again) for x in (shares, nodal))
-    frequency = np.array([np.pi * np.mean(line) / frames for line, _, _ in bins])
+    frequency = np.array([np.pi * 0.5 * (low + high - 1) / frames for (low, high), _, _ in bins])
     power = np.zeros(frames) if motion is None else motion
-    swing = np.array([power[line].mean() for line, _, _ in bins])
+    swing = np.array([power[low:high].mean() for (low, high), _, _ in bins])
     return Spectrum(
         frames,
         count=np.array([len(x) for x in values], dtype=np.float64),
