@@ -72,7 +72,7 @@ class CorrelatedLoss:
 
 @dataclass(frozen=True)
 class WhiteLoss:
-    """All that is left counts as white noise, whose size it tells itself.
+    """All that is left counts as white noise, as far as it is independent, whose size it tells.
 
     Args:
         noise: relative standard deviation of each coefficient, shape (K,), of each recording; None:

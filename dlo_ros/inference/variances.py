@@ -40,9 +40,8 @@ REPEATED_STD = 0.003
 """Prior standard deviation over L of the errors that stay or die out: careful calibrations err
 less, and what a model lacks is rather explained than put up with (Simpson et al., Penalising model
 component complexity, 2017)."""
-SMALLEST_SWING = -18.0
-"""Smallest logarithm of the mean square of an error at the frequencies of the motion over that of
-the motion."""
+LEAST_SWING = 1e-4
+"""Smallest error at the frequencies of the motion, over the motion."""
 LONGEST_MEMORY = 0.998
 """Largest correlation of neighbouring frames in what the model lacks."""
 NOISE_MEMORY = 0.9
@@ -321,20 +320,16 @@ def _bounds(spectra: Sequence[Spectrum], missed: Sequence[float], length: float)
     noise += [(low - 5.0, high)] * parts
     staying = [(low - 5.0, high)] * (2 * parts)
     moves = separable and any(s.motion.any() for s in spectra)
-    swinging = (SMALLEST_SWING, 0.0) if moves else (SMALLEST_SWING,) * 2
+    swinging = (2.0 * np.log(LEAST_SWING), 0.0 if moves else 2.0 * np.log(LEAST_SWING))
     return np.array(
         [*noise, *[fading] * parts, *staying, *[swinging] * parts, memory, *[noise_memory] * parts]
     )
 
 
 def _cost(
-    x: FloatArray,
-    bins: Spectrum,
-    rows: np.ndarray,
-    offset: FloatArray,
-    precision: FloatArray,
+    x: FloatArray, bins: Spectrum, rows: np.ndarray, offset: FloatArray, precision: FloatArray,
     linear: bool,
-) -> tuple[float, FloatArray, FloatArray]:
+) -> tuple[float, FloatArray, FloatArray]:  # fmt: skip
     """Minus the log marginal likelihood, its derivatives by the packed numbers, and information.
 
     The information is the expected one, as if no parameter of the model were fitted.

@@ -22,7 +22,7 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
 )
 from dlo_ros.effects import Start
 from dlo_ros.inference import joint_fit
-from dlo_ros.inference.joint import simulate
+from dlo_ros.inference.joint import evaluate, simulate
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import material_priors
 
@@ -364,7 +364,8 @@ def test_a_proposal_with_boundless_derivatives_is_left_out():
 
 def test_a_number_without_a_derivative_stays_until_there_is_one():
     """A slip of no length has no moment: its prior would put it in the middle of a minute."""
-    at, recordings = fitted_set_up()
+    near, recordings = fitted_set_up()
+    at = evaluate(near.model.stiffened(1.5), recordings)
     start = Start("clamp_slip", {"length": 0.0, "onset": 0.5}, ("length",), ("length", "onset"))
     proposal = proposal_of(at.model.settings, start)
     model, names = with_proposals(at.model, [proposal])
@@ -376,4 +377,4 @@ def test_a_number_without_a_derivative_stays_until_there_is_one():
     slip = begun.model.settings.effects["clamp_slip"]
     assert slip["onset"] == 0.5 and slip["length"] != 0.0
     assert begun.model.parameters == model.parameters  # with their priors
-    assert err < 1.1 * at.mean_err
+    assert err < 0.5 * at.mean_err

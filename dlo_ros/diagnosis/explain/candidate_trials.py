@@ -150,15 +150,20 @@ def _promising(predictions: Sequence[PredictedGain]) -> list[PredictedGain]:
     The best of each effect is one of them: gains of effects that act otherwise when they are large,
     as a creep does, are predicted too small.
     """
-    various = [row for _, row in _various([(p.gain, p) for p in predictions])]
-    kinds = len({_kind(p) for p in predictions})
-    least = max((p.gain for p in predictions), default=0.0) * PROMISING
-    found = [p for k, p in enumerate(various) if p.gain >= (WORTH if k < kinds else least)]
-    return [p for p in found if p.gain >= WORTH][:CHECKED]
+    worth = [(p.gain, p) for p in predictions if p.gain >= WORTH]
+    kinds = len({_kind(p) for _, p in worth})
+    found = [
+        p for k, (gain, p) in enumerate(_various(worth))
+        if k < kinds or gain >= PROMISING * worth[0][0]
+    ]  # fmt: skip
+    return found[:CHECKED]
 
 
 def _kind(predicted: PredictedGain) -> str:
-    """From one start of an effect, a fit mostly finds what it would have found from another one."""
+    """The effect that a proposal adds, or the number that it frees.
+
+    From one start of an effect, a fit mostly finds what it would have found from another one.
+    """
     proposal = predicted.proposal
     return proposal.label if proposal.start is None else proposal.effect
 

@@ -107,13 +107,13 @@ def without_needless(
     for group in groups if complete else [*_guessed_dampings(at), *groups]:
         if complete and linear_loss(at, group, wholly=True) > INDISPENSABLE:
             continue
-        freed_ = group in found.causes and group.start is None
-        bare = without(at, group, recordings, wholly=not freed_)
+        of_set_up = group in found.causes and group.start is None
+        bare = without(at, group, recordings, wholly=not of_set_up)
         needed = bare is None or _needed(at, bare, group, begun)
         if bare is None or (
             needed and (complete or not takes_little((at, group), bare, recordings))
         ):
-            if not freed_:
+            if not of_set_up:
                 bares[group.label] = bare
             continue
         LOG.info("left out: %s", group.label)
