@@ -18,8 +18,9 @@ NAMED = 5.0
 """Loss of log evidence without a cause, from which the cause is named, and from which a model need
 not be fitted at all: 150 to 1, called very strong there."""
 INDISPENSABLE = 10.0 * WORTH
-"""Loss of log evidence by the linearised posterior, from which no fit without a cause is tried: a
-linear prediction may be wrong by several times, hardly by ten."""
+"""Loss of log evidence by the linearised posterior, from which no fit without a cause is tried, and
+gain from which a fit with it is: a linear prediction may be wrong by several times, hardly by
+ten."""
 PROMISING = 0.3
 """Predicted gain over the largest one, from which a proposal is simulated: the prediction is
 linear, and no better than that."""

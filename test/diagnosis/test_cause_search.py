@@ -136,6 +136,18 @@ def test_nothing_is_fitted_where_no_proposal_comes_near_enough(monkeypatch):
     added, told = best_of(monkeypatch, fits, least=0.9e-3)
     assert added is None
     assert told == dict.fromkeys(fits, "takes too little")
+    # E depends on what gains so much, as on a creep, however little of ERR it takes.
+    assert best_of(monkeypatch, fits, promised={"mass": 10.0, "tilt": 80.0}, least=0.9e-3)[0]
+
+
+def test_the_best_start_of_each_effect_is_simulated(monkeypatch):
+    """A creep is predicted to gain too little: it acts otherwise when it is large."""
+    fits = {f"slip ({k})": (20.0, 1e-3) for k in range(12)} | {"creep": (90.0, 1e-3)}
+    promised = {name: 100.0 - k for k, name in enumerate(fits)} | {"creep": 5.0}
+    added, told = best_of(monkeypatch, fits, promised=promised)
+    assert added == "creep"
+    less = {name for name, outcome in told.items() if outcome == "predicted to gain less"}
+    assert less == {"slip (9)", "slip (10)", "slip (11)"}
 
 
 @pytest.mark.parametrize(("own", "least"), [(0.5e-3, 0.54e-3), (0.4e-3, np.inf)])

@@ -25,7 +25,13 @@ from dlo_ros.inference.joint_fit import approached, fit, nearest_err
 from dlo_ros.inference.losses import WHITE
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
-from dlo_ros.inference.thresholds import MUCH_LARGER, PROMISING, SAME_GAIN, WORTH
+from dlo_ros.inference.thresholds import (
+    INDISPENSABLE,
+    MUCH_LARGER,
+    PROMISING,
+    SAME_GAIN,
+    WORTH,
+)
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -79,7 +85,8 @@ def best_trial(
         number: number of the step, for the trace.
         at: the joint model over which a proposal must gain.
         offers: models from which fits may begin, each with its predictions, best first.
-        least: ERR [m], within which one must come by its first steps: otherwise none is fitted.
+        least: ERR [m], within which one must come by its first steps: otherwise none is fitted, but
+            for one of such a gain that E may depend on it, as on a creep.
 
     Returns:
         The best trial, None where none is worth it, and what became of each proposal.
@@ -99,7 +106,7 @@ def best_trial(
                 LOG.info("%s: %s", name, reason)
                 trace.append(Step(number, name, predicted.gain, None, "cannot be simulated"))
     checked = _various(sorted(checked, key=lambda row: row[0]))
-    if all(err > least for err, _ in checked):
+    if all(err > least and p.gain < INDISPENSABLE for err, p in checked):
         rows = [(p.proposal.label, p.gain, err) for err, p in checked]
         return None, [*trace, *(Step(number, *row, "takes too little") for row in rows)]
     # A few steps tell little of what must leave the set-up's wrong valley first: one trial is that
