@@ -48,7 +48,7 @@ def test_e_over_mu_lies_within_its_std(no_cause):
     off = estimate.specific_modulus / (true["young_modulus"] / true["density"]) - 1.0
     assert abs(off) < 2.0 * estimate.specific_modulus_std / estimate.specific_modulus < 0.15
     # As stated, the set-up would be known too well.
-    assert len(found.set_up) > 10
+    assert len(found.fitted.set_up) > 10
     assert found.recordings[0].err < 0.5 * settings.rod.length * 0.01
 
 
