@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,10 +15,18 @@ from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parallel import Threads
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.spectrum import Spectrum, spectrum
-from dlo_ros.inference.variances import Posterior, Variances, fit_variances, posterior
+from dlo_ros.inference.variances import (
+    ITERATIONS,
+    Posterior,
+    Variances,
+    fit_variances,
+    posterior,
+)
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
+VARIANCE_ITERATIONS = 8
+"""Iterations of the error variances for one prediction."""
 LEAST_ITERATIONS = 3
 """Iterations of the noise in a linear fit."""
 
@@ -39,7 +48,7 @@ class Simulated:
             each recording.
         err: eq. (10) per recording and frame [m].
         predicted: control points per recording [m], shape (F, n, 4).
-        motions: power of each recording's motion, see `spectrum`; none where it is not known.
+        motions: power of each recording's motion, see `motion_power`.
     """
 
     model: ParametricModel
@@ -76,6 +85,12 @@ class Evaluation(Simulated):
     variances: tuple[Variances, ...]
     posterior: Posterior
     derived: bool = True
+
+    @cached_property
+    def promised(self) -> float:
+        """Log evidence of the linearised model, whose optimum no simulation may reach."""
+        model = self.model
+        return linear_posterior(self, self.spectra, model.offset(), model.precision()).evidence
 
 
 def simulate(
@@ -278,11 +293,19 @@ def _evaluation(
 def restricted(at: Evaluation, names: Sequence[str]) -> Posterior:
     """Posterior of the model in which only some of the parameters are open, at the same values."""
     pick = [at.model.index(name) for name in names]
-    _, found = fit_variances(
-        tuple(s.chosen(pick) for s in at.spectra), at.model.offset()[pick],
-        at.model.precision()[pick], at.model.settings.rod.length, at.variances,
+    return linear_posterior(
+        at, tuple(s.chosen(pick) for s in at.spectra), at.model.offset()[pick],
+        at.model.precision()[pick], ITERATIONS,
     )  # fmt: skip
-    return found
+
+
+def linear_posterior(
+    at: Evaluation, spectra: Sequence[Spectrum], offset: FloatArray, precision: FloatArray,
+    iterations: int = VARIANCE_ITERATIONS,
+) -> Posterior:  # fmt: skip
+    """The posterior of a model linearised at an evaluation's values, with fitted variances."""
+    length = at.model.settings.rod.length
+    return fit_variances(spectra, offset, precision, length, at.variances, iterations)[1]
 
 
 def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]) -> Evaluation:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import xlogy
 
 from dlo_ros.inference.joint import Evaluation, Field
-from dlo_ros.inference.spectrum import Spectrum, joined
+from dlo_ros.inference.spectrum import Spectrum
 from dlo_ros.inference.variances import Variances
 from dlo_ros.spline import FloatArray
 
@@ -30,9 +30,9 @@ def independent(spectra: Sequence[Spectrum]) -> float:
     A model that is wrong leaves few modes and frequencies, with thousands of residuals (Roy and
     Vetterli, The effective rank, 2007).
     """
-    bins = joined(spectra)
-    share = bins.sum_of_squares / bins.sum_of_squares.sum()
-    return float(np.exp(-np.sum(xlogy(share, share / bins.count))))
+    squares = np.concatenate([s.sum_of_squares for s in spectra])
+    share, count = squares / squares.sum(), np.concatenate([s.count for s in spectra])
+    return float(np.exp(-np.sum(xlogy(share, share / count))))
 
 
 @dataclass(frozen=True)
@@ -86,19 +86,19 @@ class WhiteLoss:
 
     def normal_equations(self, at: Evaluation) -> tuple[FloatArray, FloatArray]:
         """See `CorrelatedLoss`."""
-        squares, count = self._squares(at)
+        weight = independent(at.spectra) / self._squares(at)
         size = len(at.model.parameters)
         hessian, gradient = np.zeros((size, size)), np.zeros(size)
         for residual, jacobian in self._fields(at):
             rows = jacobian.transpose(0, 2, 1).reshape(-1, size)
             hessian += rows.T @ rows
             gradient += rows.T @ residual.ravel()
-        return hessian * count / squares, gradient * count / squares
+        return weight * hessian, weight * gradient
 
     def value(self, at: Evaluation, reference: Evaluation) -> float:
         """See `CorrelatedLoss`."""
-        squares, count = self._squares(reference)
-        return 0.5 * count * self._squares(at)[0] / squares
+        count = independent(reference.spectra)
+        return 0.5 * count * self._squares(at) / self._squares(reference)
 
     def least_gain(self, at: Evaluation) -> float:
         """See `CorrelatedLoss`."""
@@ -109,10 +109,9 @@ class WhiteLoss:
             return list(at.fields)
         return [(r / n, j / n) for (r, j), n in zip(at.fields, self.noise, strict=True)]
 
-    def _squares(self, at: Evaluation) -> tuple[float, float]:
-        """Sum of squared residuals, and the number of them that are independent of one another."""
-        squares = sum(float(np.sum(r**2)) for r, _ in self._fields(at))
-        return squares, independent(at.spectra)
+    def _squares(self, at: Evaluation) -> float:
+        """Sum of squared residuals."""
+        return sum(float(np.sum(r**2)) for r, _ in self._fields(at))
 
 
 Loss = CorrelatedLoss | WhiteLoss

@@ -307,3 +307,26 @@ def test_in_a_wrong_model_the_set_up_stays_within_tolerance(monkeypatch, near, k
     assert [c.effect for c in found.causes] == kept
     assert found.at is (at if kept else within)
     assert not bares  # of numbers of the set-up, naming needs fits with all of them at neutral
+
+
+def test_a_damping_that_has_its_guess_again_is_left_out_once(monkeypatch):
+    """It may be a cause as well; without its number there is nothing left to try."""
+    cause = SimpleNamespace(effect="internal_damping", label="internal_damping", start=None)
+    guess = SimpleNamespace(effect="internal_damping", label="internal_damping", start=None)
+    at, bare = evaluation(100.0, 1e-3), evaluation(60.0, 1.05e-3)
+    at.model = SimpleNamespace(settings=PAPER)
+    bare.model = SimpleNamespace(settings=PAPER.with_material(2e6, PAPER.rod.density))
+    tried = []
+
+    def without(_, group, __, wholly):
+        tried.append((group, wholly))
+        return bare
+
+    monkeypatch.setattr(cause_naming, "without", without)
+    monkeypatch.setattr(joint_fit, "approached", lambda at, *_: at)
+    monkeypatch.setattr(cause_naming, "_guessed_dampings", lambda _: [guess])
+    cause.other = "equal to nothing else"  # a cause is freed from a tolerance, a guess again
+    search = cause_search.Search(at, (cause,), (), None)
+    found, _, shifts = cause_naming.without_needless(search, (), [], complete=False)
+    assert tried == [(guess, True)] and not found.causes
+    assert shifts["internal_damping"] == pytest.approx(np.log(2e6 / PAPER.rod.young_modulus))

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
@@ -36,6 +37,7 @@ from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
+Row = TypeVar("Row")
 Trial = tuple[Evaluation, Proposal]
 """A model fitted with a proposal, and the proposal."""
 
@@ -94,10 +96,10 @@ def best_trial(
     trace: list[Step] = []
     checked: list[tuple[float, PredictedGain]] = []
     for origin, predictions in offers:
-        promising = _promising(predictions)
+        promising = {id(p) for p in _promising(predictions)}
         for predicted in predictions:
             name = predicted.proposal.label
-            if not any(predicted is p for p in promising):
+            if id(predicted) not in promising:
                 trace.append(Step(number, name, predicted.gain, None, "predicted to gain less"))
                 continue
             try:
@@ -105,7 +107,7 @@ def best_trial(
             except SimulationError as reason:
                 LOG.info("%s: %s", name, reason)
                 trace.append(Step(number, name, predicted.gain, None, "cannot be simulated"))
-    checked = _various(sorted(checked, key=lambda row: row[0]))
+    checked = _various(sorted(checked, key=lambda row: row[0]), lambda row: _kind(row[1]))
     if all(err > least and p.gain < INDISPENSABLE for err, p in checked):
         rows = [(p.proposal.label, p.gain, err) for err, p in checked]
         return None, [*trace, *(Step(number, *row, "takes too little") for row in rows)]
@@ -157,13 +159,10 @@ def _promising(predictions: Sequence[PredictedGain]) -> list[PredictedGain]:
     The best of each effect is one of them: gains of effects that act otherwise when they are large,
     as a creep does, are predicted too small.
     """
-    worth = [(p.gain, p) for p in predictions if p.gain >= WORTH]
-    kinds = len({_kind(p) for _, p in worth})
-    found = [
-        p for k, (gain, p) in enumerate(_various(worth))
-        if k < kinds or gain >= PROMISING * worth[0][0]
-    ]  # fmt: skip
-    return found[:CHECKED]
+    worth = [p for p in predictions if p.gain >= WORTH]
+    kinds = len({_kind(p) for p in worth})
+    various = enumerate(_various(worth, _kind))
+    return [p for k, p in various if k < kinds or p.gain >= PROMISING * worth[0].gain][:CHECKED]
 
 
 def _kind(predicted: PredictedGain) -> str:
@@ -175,12 +174,12 @@ def _kind(predicted: PredictedGain) -> str:
     return proposal.label if proposal.start is None else proposal.effect
 
 
-def _various(rows: Sequence[tuple[float, PredictedGain]]) -> list[tuple[float, PredictedGain]]:
-    """Proposals, best first, with the best of each effect before its others."""
-    first: dict[str, tuple[float, PredictedGain]] = {}
+def _various(rows: Sequence[Row], kind: Callable[[Row], str]) -> list[Row]:
+    """Rows, best first, with the best of each kind before its others."""
+    first: dict[str, Row] = {}
     for row in rows:
-        first.setdefault(_kind(row[1]), row)
-    return [*first.values(), *(row for row in rows if row is not first[_kind(row[1])])]
+        first.setdefault(kind(row), row)
+    return [*first.values(), *(row for row in rows if row is not first[kind(row)])]
 
 
 def _best_first(begun: Sequence[Trial], at: Evaluation) -> list[Trial]:

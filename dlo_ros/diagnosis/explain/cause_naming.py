@@ -108,6 +108,8 @@ def without_needless(
         if complete and linear_loss(at, group, wholly=True) > INDISPENSABLE:
             continue
         of_set_up = group in found.causes and group.start is None
+        if of_set_up and group not in causes:  # a damping that has its guess again
+            continue
         bare = without(at, group, recordings, wholly=not of_set_up)
         needed = bare is None or _needed(at, bare, group, begun)
         if bare is None or (
@@ -118,7 +120,7 @@ def without_needless(
             continue
         LOG.info("left out: %s", group.label)
         shifts[group.effect] = _log_ratio(bare) - _log_ratio(at)
-        at, causes = bare, tuple(c for c in causes if c is not group)
+        at, causes = bare, tuple(c for c in causes if c.label != group.label)
         bares = {}
     return replace(found, at=at, causes=causes), bares, shifts
 

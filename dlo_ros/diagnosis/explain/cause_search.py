@@ -28,7 +28,6 @@ from dlo_ros.diagnosis.explain.offered_effects import Offer, offered, ranked_pro
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     PredictedGain,
     Proposal,
-    linear_posterior,
 )
 from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
@@ -36,6 +35,7 @@ from dlo_ros.inference.joint import (
     Evaluation,
     borrowed,
     evaluate,
+    linear_posterior,
     rejudged,
 )
 from dlo_ros.inference.joint_fit import fit, nearest_err
@@ -256,11 +256,8 @@ def linear_loss(at: Evaluation, cause: Proposal, *, wholly: bool = False) -> flo
         bare = at.model.with_prior([p.held() for p in cause.parameters])
     else:
         return 0.0
-    here, there = (
-        linear_posterior(at, at.spectra, model.offset(), model.precision())
-        for model in (at.model, bare)
-    )
-    return here.evidence - there.evidence
+    found = linear_posterior(at, at.spectra, bare.offset(), bare.precision())
+    return at.promised - found.evidence
 
 
 def without(

@@ -16,17 +16,14 @@ import numpy as np
 from dlo_ros.command import END, START
 from dlo_ros.effects import Start, damping_effect
 from dlo_ros.inference import priors
-from dlo_ros.inference.joint import Evaluation, Field, Simulated
+from dlo_ros.inference.joint import Evaluation, Field, Simulated, linear_posterior
 from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.inference.priors import SLAB
 from dlo_ros.inference.spectrum import Spectrum, spectrum
-from dlo_ros.inference.variances import Posterior, fit_variances
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import is_linear
 from dlo_ros.spline import FloatArray
 
-VARIANCE_ITERATIONS = 8
-"""Iterations of the error variances for one predicted gain."""
 AMPLITUDE_STD = 1.5
 """Prior standard deviation of the amplitude of an effect that acts from a finite size on."""
 
@@ -225,42 +222,31 @@ def predicted_gains(
         spectra = tuple(spectrum(r, j, n, motion) for (r, j), motion in pairs)
     own = len(at.model.parameters)
     first, result = own, []
-    before = linear_posterior(at, at.spectra, at.model.offset(), at.model.precision()).evidence
     for p in proposals:
         if p.start is None:
-            result.append(_freed(at, p, before))
+            result.append(_freed(at, p))
             continue
         last = first + extra[id(p)][0].shape[1]
         pick = [*range(own), *range(first, last)]
         first = last
         try:
-            found = _added(at, p, tuple(s.chosen(pick) for s in spectra), before)
+            found = _added(at, p, tuple(s.chosen(pick) for s in spectra))
         except np.linalg.LinAlgError:  # derivatives so steep that priors vanish beside them
             continue
         result.append(replace(found, columns=extra[id(p)]))
     return result
 
 
-def _freed(at: Evaluation, proposal: Proposal, before: float) -> PredictedGain:
-    """The predicted gain of numbers of the set-up that leave their tolerance.
-
-    Args:
-        before: log evidence of the linearised model without that.
-    """
+def _freed(at: Evaluation, proposal: Proposal) -> PredictedGain:
+    """The predicted gain of numbers of the set-up that leave their tolerance."""
     model = at.model.with_prior(proposal.parameters)
     found = linear_posterior(at, at.spectra, model.offset(), model.precision())
-    gain = found.evidence - before
+    gain = found.evidence - at.promised
     return PredictedGain(proposal, gain, model, model.at(model.theta() + found.step))
 
 
-def _added(
-    at: Evaluation, proposal: Proposal, spectra: Sequence[Spectrum], before: float
-) -> PredictedGain:
-    """The predicted gain of an effect, whose changes are the last columns of the spectra.
-
-    Args:
-        before: log evidence of the linearised model without it.
-    """
+def _added(at: Evaluation, proposal: Proposal, spectra: Sequence[Spectrum]) -> PredictedGain:
+    """The predicted gain of an effect, whose changes are the last columns of the spectra."""
     assert proposal.start is not None
     offset, precision = linear_prior(at.model.settings, proposal)
     found = linear_posterior(
@@ -279,16 +265,5 @@ def _added(
     theta = model.theta()
     for name, x in zip(names, step, strict=True):
         theta[model.index(name)] += x
-    gain = found.evidence - before
+    gain = found.evidence - at.promised
     return PredictedGain(proposal, gain, model, model.at(theta))
-
-
-def linear_posterior(
-    at: Evaluation, spectra: Sequence[Spectrum], offset: FloatArray, precision: FloatArray
-) -> Posterior:
-    """The posterior of the model linearised at its values, with fitted error variances."""
-    _, found = fit_variances(
-        spectra, offset, precision, at.model.settings.rod.length, at.variances,
-        VARIANCE_ITERATIONS,
-    )  # fmt: skip
-    return found

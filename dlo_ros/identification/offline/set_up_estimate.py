@@ -90,7 +90,7 @@ def weighed(begun: Beginning, given: Settings) -> MaterialFit:
     exact, recordings = begun.at, begun.recordings
     try:
         start = _open(exact, recordings, given)
-        if start is None or _promised(start, start.model.names) < _stated(start) - NAMED:
+        if start is None or restricted(start, start.model.names).evidence < _stated(start) - NAMED:
             return _reported(begun, exact, recordings)
         at = best_settled(start, recordings)
         probability = float(expit(at.posterior.evidence - _stated(start)))
@@ -118,12 +118,8 @@ def _open(exact: Evaluation, recordings: Sequence[Recording], given: Settings) -
 
 def _stated(start: Evaluation) -> float:
     """Log evidence of the set-up as stated."""
-    return _promised(start, [p.name for p in start.model.parameters if not p.effect])
-
-
-def _promised(start: Evaluation, names: Sequence[str]) -> float:
-    """Log evidence of the linearised model with some of its parameters open."""
-    return restricted(start, names).evidence
+    own = [p.name for p in start.model.parameters if not p.effect]
+    return restricted(start, own).evidence
 
 
 def _reported(
