@@ -7,7 +7,7 @@ from challenge import manipulations
 from challenge.draws import Scene
 from challenge.residual import changed
 from field import spatial
-from field.evaluate import solve
+from field.evaluate import judge, solve
 from field.generate import Case
 from field.nuisances import Errors
 
@@ -71,6 +71,22 @@ def test_a_set_up_has_errors_in_all_directions():
         spread = np.std([d[name][key] for d in drawn], axis=0)
         assert spread == pytest.approx(np.full_like(spread, np.deg2rad(size)), rel=0.2)
     assert np.std([d["clamp_offset"]["start"][1] for d in drawn]) == pytest.approx(2.5e-3, rel=0.2)
+
+
+def test_what_is_off_beyond_its_tolerance_is_no_wrong_name():
+    rng = np.random.default_rng(6)
+    tree = {"parameters": {"rod": {"length": 0.5}}, "guess": {"damping": {}}}
+    tree["parameters"]["damping"] = dict.fromkeys(("air_drag", "relaxation_time"), 0.1)
+    tree["guess"]["damping"] = dict(tree["parameters"]["damping"])
+    set_up = spatial.set_up_in_space(rng, 0.5, ("start", "end"))
+
+    def named(ratio):
+        twisting = {"twisting_stiffness": {"ratio": ratio}}
+        report = {"effects": [{"name": "twisting_stiffness", "rivals": []}]}
+        return judge(Case(6, {}, set_up | twisting, {}, ("u_shape",), (tree,)), report)[1]
+
+    assert named(np.exp(0.6)) == ("twisting_stiffness",)
+    assert named(np.exp(-0.8)) == named(np.exp(0.8)) == ()
 
 
 @pytest.mark.slow

@@ -27,6 +27,9 @@ ALIKE = (
 DAMPINGS = {"air_drag": "air_drag", "internal_damping": "relaxation_time"}
 """Effects as which dampings are told that the parameter file only guesses, and their numbers."""
 
+RATIOS = ("camera_scale", "twisting_stiffness")
+"""Errors of a set-up whose numbers are factors."""
+
 OUTCOMES = ("named", "rival", "missed")
 """Possible outcomes for the main cause."""
 
@@ -85,11 +88,11 @@ def _off(case: Case, name: str) -> float:
         "clamp_angle": 3.0 * degree, "clamp_offset": 5e-3 * length, "gravity_tilt": degree,
         "length_error": 5e-3 * length, "camera_scale": 5e-3, "camera_rotation": 0.5 * degree,
         "camera_shift": 5e-3 * length, "intrinsic_curvature": 0.5 / length,
-        "stiffness_gradient": 0.3, "command_delay": 0.02,
+        "stiffness_gradient": 0.3, "command_delay": 0.02, "twisting_stiffness": 0.7,
     }[name]  # fmt: skip
-    neutral = 1.0 if name == "camera_scale" else 0.0
     flat = np.concatenate([np.atleast_1d(v) for v in case.set_up[name].values()])
-    return float(np.abs(flat - neutral).max() / size)
+    off = np.log(flat) if name in RATIOS else flat
+    return float(np.abs(off).max() / size)
 
 
 def _guess_off(case: Case, key: str) -> float:
