@@ -91,6 +91,7 @@ class Quantity:
         role: kind of number, see `Role`.
         tolerance: standard deviation within which a set-up is as careful people build it, in units
             of the rope (of the logarithm for a ratio); None: there is no such thing.
+        beyond: probability that a DLO is far beyond the tolerance, of which nobody takes care.
         natural: plausible size for a cause, in units of the rope; None: as for others of the unit.
         search: range within which the value is looked for, in units of the rope; None: as for
             others of the role.
@@ -115,6 +116,7 @@ class Quantity:
     counts: tuple[int, ...] = ()
     role: Role = "size"
     tolerance: float | None = None
+    beyond: float = 0.0
     natural: float | None = None
     search: tuple[float, float] | None = None
     adds_to: str = ""
@@ -253,6 +255,7 @@ def quantity(
     counts: tuple[int, ...] = (),
     role: Role | None = None,
     tolerance: float | None = None,
+    beyond: float = 0.0,
     natural: float | None = None,
     search: tuple[float, float] | None = None,
     adds_to: str = "",
@@ -264,23 +267,27 @@ def quantity(
     """A dataclass field that is a parameter of an effect; see `Quantity`.
 
     Args:
-        neutral, unit, lower, upper, description, array, counts, tolerance, natural, search,
-            adds_to, stated_by, spatial, sides, axes: as there.
+        neutral, unit, lower, upper, description, array, counts, tolerance, beyond, natural,
+            search, adds_to, stated_by, spatial, sides, axes: as there.
         role: as in `Quantity`; default: `angle` in radians, else `size`.
 
     Raises:
-        ValueError: the tolerance or the natural size is not positive, or a range is empty.
+        ValueError: the tolerance or the natural size is not positive, a range is empty, or beyond
+            is no probability.
     """
     if not lower < upper or (search is not None and not search[0] < search[1]):
         raise ValueError(f"{description}: the range is empty")
     for what, value in (("tolerance", tolerance), ("natural", natural)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise ValueError(f"{description}: {what} is {value}; it must be positive")
+    if not 0.0 <= beyond < 1.0:
+        raise ValueError(f"{description}: beyond is {beyond}; it must be a probability below 1")
     data = {
         "unit": unit, "lower": lower, "upper": upper, "description": description, "array": array,
         "counts": counts, "role": role or ("angle" if unit == "rad" else "size"),
-        "tolerance": tolerance, "natural": natural, "search": search, "adds_to": adds_to,
-        "stated_by": stated_by, "spatial": spatial, "sides": sides, "axes": axes,
+        "tolerance": tolerance, "beyond": beyond, "natural": natural, "search": search,
+        "adds_to": adds_to, "stated_by": stated_by, "spatial": spatial, "sides": sides,
+        "axes": axes,
     }  # fmt: skip
     several = bool(counts) and counts[0] > 1
     return field(default=(neutral,) * counts[0] if several else neutral, metadata=data)

@@ -38,10 +38,6 @@ DAMPED = 1.0
 to gain it tells nothing."""
 WHITE_ITERATIONS, ITERATIONS = 20, 25
 """Iterations with all that is left as white noise, and with correlated errors after that."""
-FARTHER = 1.1
-"""ERR over that at the beginning of a fit and what does not matter, beyond which no step leads
-whatever its likelihood: an error that dies out holds whole swings for little, and the fit would
-follow their rapid part alone into a wrong minimum."""
 STEPS = 4
 """Steps by which models come nearer to the shapes before they are compared."""
 FACTORS_OF_E = (0.25, 4.0)
@@ -67,7 +63,7 @@ def fit(
     """
     settings = start.model.settings
     immaterial = settings.diagnosis.material_err * settings.rod.length
-    most = FARTHER * (start.mean_err + immaterial) if loss.fits_variances else np.inf
+    most = loss.farther * (start.mean_err + immaterial)
     at, way, secants = start, _Way(MARQUARDT_DAMPING, LONGEST_STEP), 0
     for _ in range(iterations):
         derived = at.derived
@@ -173,28 +169,42 @@ def best_settled(start: Evaluation, recordings: Sequence[Recording]) -> Evaluati
     """The fit of a model from far away, or a likelier one that begins elsewhere.
 
     E, damping and clamps may err together and end a fit in a wrong minimum, and a shape may lie on
-    another branch. There more than noise is left, and another beginning comes nearer to the shapes:
-    one with another Young's modulus, the parameter file's guess among them, for a set-up that is
-    off may lead far away from it.
+    another branch. There more than noise is left, and another beginning comes nearer to the shapes.
     """
     at = settled(start, recordings)
     if at.mean_err < MUCH_LARGER * _noise_err(at):
         return at
-    nearest = approached(at, recordings, 2 * STEPS)
-    begun = [start.model.stiffened(factor) for factor in FACTORS_OF_E]
-    for model in (*begun, start.model.centred(["young_modulus"])):
-        modulus = model.settings.rod.young_modulus
-        try:
-            begin = evaluate(model, recordings)
-            found = fit(begin, recordings, 2 * STEPS, loss=WHITE, draft=True)
-        except SimulationError as err:
-            LOG.info("from E = %.3g Pa: %s", modulus, err)
-            continue
-        LOG.info("from E = %.3g Pa: %.3f mm off", modulus, 1e3 * found.mean_err)
-        nearest = min(nearest, found, key=lambda e: e.mean_err)
+    found = [approached(at, recordings, 2 * STEPS), *_elsewhere(start.model, recordings)]
+    nearest = min(found, key=lambda e: e.mean_err)
     if nearest.mean_err > CLEARLY_LESS * at.mean_err:
         return at
     return max(at, settled(nearest, recordings), key=lambda e: e.posterior.evidence)
+
+
+def _elsewhere(model: ParametricModel, recordings: Sequence[Recording]) -> list[Evaluation]:
+    """The best of some fits that begin with another Young's modulus; none where none can.
+
+    The parameter file's guess is among them, for a set-up that is off may lead far away from it.
+    Far from the shapes few residuals are independent, and do not outweigh a prior that is narrow:
+    what may be far beyond its tolerance counts as if it were.
+    """
+    wide = model.with_prior([p.widened() for p in model.parameters])
+    begun = [wide.stiffened(factor) for factor in FACTORS_OF_E]
+    found = []
+    for other in (*begun, wide.centred(["young_modulus"])):
+        modulus = other.settings.rod.young_modulus
+        try:
+            begin = evaluate(other, recordings)
+            found.append(fit(begin, recordings, 2 * STEPS, loss=WHITE, draft=True))
+        except SimulationError as err:
+            LOG.info("from E = %.3g Pa: %s", modulus, err)
+            continue
+        LOG.info("from E = %.3g Pa: %.3f mm off", modulus, 1e3 * found[-1].mean_err)
+    if not found:
+        return []
+    best = min(found, key=lambda e: e.mean_err)
+    best = fit(best, recordings, WHITE_ITERATIONS, loss=WHITE, draft=True)
+    return [replace(best, model=best.model.with_prior(model.parameters))]
 
 
 def _noise_err(at: Evaluation) -> float:

@@ -20,8 +20,15 @@ CONVERGED = 0.5
 CONVERGED_TO_REPORT = 0.01
 """The same of numbers that are reported: with a gain of a half a number may be one standard
 deviation from its best value, with this one a seventh."""
-WHITE_CONVERGED = 0.05
-"""Gain over the whole misfit, at which a fit ends that takes all that is left for white noise."""
+WHITE_CONVERGED = 0.02
+"""Gain over the whole misfit, at which a fit ends that takes all that is left for white noise: the
+nearer it comes, the more of what is left is independent, and the more there is to gain."""
+FARTHER = 1.1
+"""ERR over that at the beginning of a fit and what does not matter, beyond which no step leads
+whatever its likelihood: an error that dies out holds whole swings for little, and the fit would
+follow their rapid part alone into a wrong minimum."""
+NO_FARTHER = 1.0
+"""The same of a fit that begins where another one has ended, and has been so far already."""
 
 
 def independent(spectra: Sequence[Spectrum]) -> float:
@@ -41,10 +48,12 @@ class CorrelatedLoss:
 
     Args:
         converged: gain of the log posterior at which a fit ends.
+        farther: how far from the shapes it may lead, see `FARTHER`.
         known: variances of each recording, such as those of an observer; None: they are fitted.
     """
 
     converged: float = CONVERGED
+    farther: float = FARTHER
     known: tuple[Variances, ...] | None = None
 
     @property
@@ -82,6 +91,7 @@ class WhiteLoss:
 
     noise: Sequence[FloatArray] | None = None
     converged: float = WHITE_CONVERGED
+    farther: ClassVar[float] = np.inf
     fits_variances: ClassVar[bool] = False
 
     def normal_equations(self, at: Evaluation) -> tuple[FloatArray, FloatArray]:
@@ -116,10 +126,9 @@ class WhiteLoss:
 
 Loss = CorrelatedLoss | WhiteLoss
 CORRELATED, WHITE = CorrelatedLoss(), WhiteLoss()
-TO_REPORT = CorrelatedLoss(CONVERGED_TO_REPORT)
+TO_REPORT = CorrelatedLoss(CONVERGED_TO_REPORT, NO_FARTHER)
 
 
 def misfit(at: Evaluation, reference: Evaluation, loss: Loss = CORRELATED) -> float:
     """Minus the log posterior of a model's values, with another's variances."""
-    prior = float(at.model.precision() @ at.model.offset() ** 2)
-    return loss.value(at, reference) + 0.5 * prior
+    return loss.value(at, reference) + at.model.surprise()

@@ -9,11 +9,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.special import expit
 
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
 
+SLAB = 10.0
+"""Prior standard deviation of what is no matter of tolerance, in tolerances."""
 HELD = 1e-6
 """Prior standard deviation of a number that is held, over the one that it had."""
 
@@ -32,6 +35,8 @@ class Parameter:
         tolerated: whether the prior is the tolerance of a set-up.
         matters: change that matters; None: told by the prior, see `step`.
         tightness: prior standard deviation over the tolerance while it is a part of the set-up.
+        beyond: probability that the tolerance says nothing of it, and its prior is `SLAB` times as
+            wide: the prior is a mixture then.
     """
 
     name: str
@@ -45,6 +50,7 @@ class Parameter:
     tolerated: bool = False
     matters: float | None = None
     tightness: float = 1.0
+    beyond: float = 0.0
 
     @property
     def effect(self) -> str:
@@ -69,6 +75,24 @@ class Parameter:
         """Standard deviation of the value, from that which inference has."""
         return std * self.outer(inner) if self.logarithmic else std
 
+    def precision(self, inner: float) -> float:
+        """Inverse variance of the Gaussian that has the slope of the prior at a value."""
+        within, wide = self._densities(inner)
+        return float(1.0 - expit(wide - within) * (1.0 - SLAB**-2)) / self.std**2
+
+    def surprise(self, inner: float) -> float:
+        """Minus the logarithm of the prior at a value, over the prior at its centre."""
+        here, centre = self._densities(inner), self._densities(self.centre)
+        return float(np.logaddexp(*centre) - np.logaddexp(*here))
+
+    def _densities(self, inner: float) -> tuple[float, float]:
+        """Logarithms of both parts of the prior, up to a constant."""
+        square = 0.5 * ((inner - self.centre) / self.std) ** 2
+        if not self.beyond:
+            return -square, -math.inf
+        wide = math.log(self.beyond / SLAB) - square / SLAB**2
+        return math.log1p(-self.beyond) - square, wide
+
     @property
     def step(self) -> float:
         """A step that matters: the tolerance of a set-up, a tenth of a wider prior's std."""
@@ -92,6 +116,10 @@ class Parameter:
         """The parameter, held at a value as inference sees it; None: at the centre of its prior."""
         centre = self.centre if inner is None else inner
         return replace(self, centre=centre, std=HELD * self.std)
+
+    def widened(self) -> Parameter:
+        """The parameter with the wide part of its prior alone, see `beyond`."""
+        return replace(self, std=SLAB * self.std, beyond=0.0) if self.beyond else self
 
     def tightened(self, tightness: float) -> Parameter:
         """A part of the set-up with another prior standard deviation, see `tightness`."""
@@ -148,8 +176,14 @@ class ParametricModel:
         return np.array([p.centre for p in self.parameters]) - self.theta()
 
     def precision(self) -> FloatArray:
-        """Inverse prior variances, shape (P,)."""
-        return np.array([p.std**-2 for p in self.parameters])
+        """Inverse prior variances at the values, shape (P,)."""
+        pairs = zip(self.parameters, self.theta(), strict=True)
+        return np.array([p.precision(float(x)) for p, x in pairs])
+
+    def surprise(self) -> float:
+        """Minus the log prior of the values, over that of the priors' centres."""
+        pairs = zip(self.parameters, self.theta(), strict=True)
+        return sum(p.surprise(float(x)) for p, x in pairs)
 
     def on_material(self, hessian: FloatArray) -> FloatArray:
         """Information of data on the logarithms of `MATERIAL`, shape (4, 4), of all parameters.

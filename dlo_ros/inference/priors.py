@@ -11,13 +11,11 @@ from dataclasses import replace
 from typing import Any
 
 from dlo_ros.effects import Quantity, Scene, Start, effects, quantities
-from dlo_ros.inference.parameter import Parameter, ParametricModel, split_name
+from dlo_ros.inference.parameter import SLAB, Parameter, ParametricModel, split_name
 from dlo_ros.inference.thresholds import BELIEVED
 from dlo_ros.parameters import Settings, tolerance
 from dlo_ros.rod.sensitivity_parameters import effect_names
 
-SLAB = 10.0
-"""Prior standard deviation of a cause, in tolerances."""
 WIDE = 1.5
 """The same of a logarithm without a tolerance: a factor of 4.5."""
 UNIFORM = 12.0**-0.5
@@ -87,6 +85,16 @@ def joint_model(start: Settings, given: Settings, scene: Scene) -> ParametricMod
         if found:
             model = model.extended(name, open_, found)
     return model
+
+
+def with_tails(model: ParametricModel) -> ParametricModel:
+    """The model whose set-up may also be far beyond tolerances where their effects say so."""
+
+    def common(p: Parameter) -> Parameter:
+        effect, key, _ = split_name(p.name)
+        return replace(p, beyond=quantities(effect)[key].beyond)
+
+    return model.with_prior([common(p) for p in model.parameters if p.tolerated])
 
 
 def _tolerated(given: Settings, name: str) -> Parameter:

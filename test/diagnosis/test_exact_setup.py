@@ -15,7 +15,7 @@ from dlo_ros.diagnosis.explain.joint_explanation import explain
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.proposals.linear_evidence import freed
 from dlo_ros.identification.offline.initial_fit import begin
-from dlo_ros.inference.priors import SLAB
+from dlo_ros.inference.parameter import SLAB
 from dlo_ros.inference.thresholds import WORTH
 
 TURN = np.radians(1.5)  # half of the tolerance of a clamp

@@ -213,8 +213,15 @@ def test_clamps_are_looked_for_where_there_are_some():
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"tolerance": 0.0}, {"natural": -1.0}, {"search": (1.0, 0.0)}, {"tolerance": math.inf}],
+    [
+        {"tolerance": 0.0},
+        {"natural": -1.0},
+        {"search": (1.0, 0.0)},
+        {"tolerance": math.inf},
+        {"beyond": 1.0},
+        {"beyond": math.nan},
+    ],
 )
 def test_knowledge_that_makes_no_sense_is_refused_where_it_is_written(wrong):
-    with pytest.raises(ValueError, match=r"must be positive|range is empty"):
+    with pytest.raises(ValueError, match=r"must be positive|range is empty|probability"):
         quantity(0.0, "m", -1.0, 1.0, "something", **wrong)

@@ -29,7 +29,7 @@ from dlo_ros.synthesis.experiment import read_experiment
 from dlo_ros.synthesis.synthesize import synthesize
 from dlo_ros.synthesis.true_motion import build_simulation, simulate
 from field.generate import _guessed, draw
-from field.nuisances import DEGREE, smooth
+from field.nuisances import DEGREE, SAMPLES, smooth
 from field.stereo import draw as draw_in_space
 
 POINTS = 100
@@ -39,6 +39,8 @@ MEMORY, STRETCH, GROSS, FIXED = 0.5, 0.01, 0.05, 5e-4
 that all pictures have in common, over L."""
 TURNED, MOVED = 3.0 * DEGREE, 2e-3
 """Angle [rad] and offset [m] of a clamp that is off."""
+COIL = (3.0, 6.0)
+"""Curvature at rest times the length of a rope that keeps its coil: 6 to 12 tolerances."""
 RESTING = ("rest", "still")
 """Conditions without motion: thirty seconds with an error that stays, and three without."""
 TWIST, TWISTING = "twisting_stiffness", 0.7
@@ -97,6 +99,13 @@ def _drawn(rng: np.random.Generator, seed: int, name: str) -> Drawn:
         tree["parameters"]["effects"] = {
             "clamp_angle": {"start": float(sign[0] * TURNED)},
             "clamp_offset": {"start": [float(MOVED * np.cos(way)), float(MOVED * np.sin(way))]},
+        }
+    if name == "coil":
+        length = tree["parameters"]["rod"]["length"]
+        size = float(sign[0] * rng.uniform(*COIL) / length)
+        along = 1.0 + 0.3 * smooth(rng, np.linspace(0.0, 1.0, SAMPLES))
+        tree["parameters"]["effects"] = {
+            "intrinsic_curvature": {"curvature": (size * along).tolist()}
         }
     if name in RESTING:
         tree["motion"] = {k: rows[:1] for k, rows in tree["motion"].items()}
@@ -192,7 +201,7 @@ def space_case(seed: int) -> Drawn:
 
 
 CONDITIONS = (
-    "clean", "correlated", "stretched", "gross", "clamp", "rest", "still", "field", "space"
+    "clean", "correlated", "stretched", "gross", "clamp", "coil", "rest", "still", "field", "space"
 )  # fmt: skip
 
 

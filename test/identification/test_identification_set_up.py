@@ -52,6 +52,18 @@ def test_a_clamp_that_is_off_leads_a_fit_into_no_wrong_valley():
     assert found.fitted.at.mean_err < 2e-4
 
 
+def test_a_rope_that_keeps_its_coil_leads_a_fit_into_no_wrong_valley():
+    """Its curvature at rest is nine tolerances; a first fit ends with a third of E/mu."""
+    drawn = condition(8801, "coil")
+    found = identify(drawn.recordings, drawn.guess)
+    assert abs(np.log(found.estimate.specific_modulus / drawn.ratio)) < 0.04
+    assert found.fitted.at.mean_err < 1e-3
+    curved = [
+        value for name, (value, _) in found.fitted.set_up.items() if "intrinsic_curvature" in name
+    ]
+    assert np.abs(curved).mean() * drawn.guess.rod.length > 3.0
+
+
 def test_a_clamp_that_points_elsewhere_is_found_and_the_ratio_with_it(turned, guess):
     exact = with_values(
         guess,

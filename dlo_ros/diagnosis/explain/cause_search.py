@@ -41,8 +41,7 @@ from dlo_ros.inference.joint import (
 from dlo_ros.inference.joint_fit import fit, nearest_err
 from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.priors import SLAB
+from dlo_ros.inference.parameter import SLAB, ParametricModel
 from dlo_ros.inference.thresholds import INDISPENSABLE, LOWERS, OWN, WORTH
 from dlo_ros.inference.variances import posterior
 

@@ -11,8 +11,7 @@ import numpy as np
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import effects, quantities
 from dlo_ros.inference.joint import Evaluation
-from dlo_ros.inference.parameter import Parameter, split_name
-from dlo_ros.inference.priors import SLAB
+from dlo_ros.inference.parameter import SLAB, Parameter, split_name
 from dlo_ros.inference.thresholds import BEYOND, CERTAIN, NOTABLE
 from dlo_ros.spline import FloatArray
 

@@ -17,8 +17,7 @@ from dlo_ros.command import END, START
 from dlo_ros.effects import Start, damping_effect
 from dlo_ros.inference import priors
 from dlo_ros.inference.joint import Evaluation, Field, Simulated, linear_posterior
-from dlo_ros.inference.parameter import Parameter, ParametricModel
-from dlo_ros.inference.priors import SLAB
+from dlo_ros.inference.parameter import SLAB, Parameter, ParametricModel
 from dlo_ros.inference.spectrum import Spectrum, spectrum
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import is_linear

@@ -14,6 +14,7 @@ from dlo_ros.effects.start import INNER_PLACES, Block
 
 PATTERNS = (3, 4, 5)  # numbers of values of a curvature at rest that varies along the DLO
 
+COILED = 0.05  # share of the cables that keep much more of their coil than they should
 SETUP_VALUES = 5  # along the DLO, of the curvature that every cable has from its coil
 
 
@@ -40,13 +41,13 @@ class IntrinsicCurvature(Effect):
 
     curvature: float | tuple[float, ...] = quantity(
         0.0, "1/m", -200.0, 200.0, "curvature at rest, one value or several along u", array=True,
-        tolerance=0.5, sides=(TURNED,),
+        tolerance=0.5, beyond=COILED, sides=(TURNED,),
     )  # fmt: skip
     kink: float = quantity(0.0, "rad", -3.0, 3.0, "angle of a kink", sides=(TURNED,))
     position: float = quantity(0.0, "m", 0.0, 100.0, "where the kink is, u", role="place")
     across: float | tuple[float, ...] = quantity(
         0.0, "1/m", -200.0, 200.0, "the same about the second director", array=True,
-        tolerance=0.5, spatial=True,
+        tolerance=0.5, beyond=COILED, spatial=True,
     )  # fmt: skip
 
     def shape_body(self, body: Body) -> None:

@@ -26,7 +26,7 @@ from dlo_ros.inference.joint import Evaluation, evaluate, restricted
 from dlo_ros.inference.joint_fit import ITERATIONS, best_settled, expected_gain, fit
 from dlo_ros.inference.losses import CORRELATED, TO_REPORT
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.priors import joint_model
+from dlo_ros.inference.priors import joint_model, with_tails
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.thresholds import NAMED
 from dlo_ros.inference.variances import posterior, widened_covariance
@@ -110,7 +110,7 @@ def _open(exact: Evaluation, recordings: Sequence[Recording], given: Settings) -
     """The set-up open at its stated values; None where no number of it has a tolerance."""
     names = imposed_names([r.manipulation for r in recordings])
     view = scene(exact.model.settings, names, [r.observed for r in recordings])
-    model = joint_model(exact.model.settings, given, view)
+    model = with_tails(joint_model(exact.model.settings, given, view))
     if not any(p.effect for p in model.parameters):
         return None
     return evaluate(model, recordings, exact.variances)
