@@ -271,10 +271,13 @@ def _improved(
 
 def expected_gain(at: Evaluation, loss: Loss) -> float:
     """Gain of the log posterior by the next step within ranges, as far as derivatives tell."""
-    lhs, rhs = _equations(at, loss)
+    return _expected(next_step(at, loss), *_equations(at, loss))
+
+
+def next_step(at: Evaluation, loss: Loss) -> FloatArray:
+    """The step within ranges to the optimum, as far as derivatives tell, shape (P,)."""
     theta = at.model.theta()
-    step = at.model.at(theta + _step(at.model, lhs, rhs)).theta() - theta
-    return _expected(step, lhs, rhs)
+    return at.model.at(theta + _step(at.model, *_equations(at, loss))).theta() - theta
 
 
 def _step(model: ParametricModel, lhs: FloatArray, rhs: FloatArray) -> FloatArray:

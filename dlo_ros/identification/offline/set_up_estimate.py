@@ -23,7 +23,7 @@ from dlo_ros.identification.information import determined_directions, model_shif
 from dlo_ros.identification.offline.initial_fit import Beginning, finer
 from dlo_ros.identification.offline.without_own_error import without_own_error
 from dlo_ros.inference.joint import Evaluation, evaluate, restricted
-from dlo_ros.inference.joint_fit import ITERATIONS, best_settled, expected_gain, fit
+from dlo_ros.inference.joint_fit import ITERATIONS, best_settled, expected_gain, fit, next_step
 from dlo_ros.inference.losses import CORRELATED, TO_REPORT
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.priors import joint_model, with_tails
@@ -149,9 +149,17 @@ def _reported(
 
 
 def _information(at: Evaluation) -> FloatArray:
-    """Information of the data on the material, with possible errors of theory and diameter."""
+    """Information of the data on the material, with possible errors of theory and diameter.
+
+    What a fit has not reached is another possible error: the step that is expected to lead there.
+    """
     by_eye = any(p.effect for p in at.model.parameters)
-    return widened(marginal_information(at), model_shift(at.model.settings, usual=by_eye))
+    known = widened(marginal_information(at), model_shift(at.model.settings, usual=by_eye))
+    left = np.zeros(len(MATERIAL))
+    for p, step in zip(at.model.parameters, next_step(at, CORRELATED), strict=True):
+        if not p.effect:
+            left[MATERIAL.index(p.name)] = step
+    return widened(known, left)
 
 
 def marginal_information(at: Evaluation) -> FloatArray:
