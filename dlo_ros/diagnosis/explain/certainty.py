@@ -38,15 +38,17 @@ def beyond(at: Evaluation, covariance: FloatArray | None = None) -> list[Proposa
 def beyond_for_certain(at: Evaluation, group: Proposal, covariance: FloatArray) -> bool:
     """Whether a size lies more than one tolerance off, and its uncertainty farther than that.
 
-    A damping that is only guessed has no tolerance.
+    A damping that is only guessed is such a size where there is more of it: something damps the
+    DLO then. Less of it is a guess that was too high.
 
     Args:
         group: group with the priors of a cause.
         covariance: of all parameters, shape (P, P).
     """
-    tolerated = group.from_nothing and all(p.effect for p in group.parameters)
+    offset = at.model.offset()
+    less = any(p.guessed and offset[at.model.index(p.name)] > 0.0 for p in group.parameters)
     sizes = _sizes(at, group, covariance)
-    return tolerated and any(off > 1.0 + CERTAIN * std for off, std in sizes)
+    return group.from_nothing and not less and any(off > 1.0 + CERTAIN * std for off, std in sizes)
 
 
 def is_beyond(at: Evaluation, group: Proposal, tolerances: float = BEYOND) -> bool:

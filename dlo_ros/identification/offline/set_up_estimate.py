@@ -20,7 +20,7 @@ from scipy.special import expit
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import logarithms
 from dlo_ros.identification.information import determined_directions, model_shift, widened
-from dlo_ros.identification.offline.initial_fit import Beginning, finer
+from dlo_ros.identification.offline.initial_fit import Beginning, drafts, finer
 from dlo_ros.identification.offline.without_own_error import without_own_error
 from dlo_ros.inference.joint import Evaluation, evaluate, restricted
 from dlo_ros.inference.joint_fit import ITERATIONS, best_settled, expected_gain, fit, next_step
@@ -89,11 +89,13 @@ def weighed(begun: Beginning, given: Settings) -> MaterialFit:
     """
     exact, recordings = begun.at, begun.recordings
     try:
-        start = _open(exact, recordings, given)
+        rough = drafts(recordings, exact)
+        start = _open(exact, rough, given)
         if start is None or restricted(start, start.model.names).evidence < _stated(start) - NAMED:
             return _reported(begun, exact, recordings)
-        at = best_settled(start, recordings)
+        at = best_settled(start, rough)
         probability = float(expit(at.posterior.evidence - _stated(start)))
+        at = evaluate(at.model, recordings, at.variances)
         if probability <= 0.5:
             return _reported(begun, exact, recordings, at, probability)
         sharper = finer(begun, at.model, {})
