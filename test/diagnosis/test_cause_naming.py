@@ -58,7 +58,7 @@ def test_what_is_not_known_of_the_weight_makes_no_force_doubtful():
         (40.0, 40.0, 1.05e-3, False, False),  # immaterial
         (40.0, 40.0, 1.3e-3, False, False),  # no more than another's law asks for
         (40.0, 40.0, 1.3e-3, True, True),  # the set-up does its work beyond its tolerance
-        (40.0, 40.0, 1.05e-3, True, False),
+        (40.0, 40.0, 1.05e-3, True, True),  # all of it
     ],
 )
 def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, strained, named):

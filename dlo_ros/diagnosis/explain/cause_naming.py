@@ -175,8 +175,9 @@ def named(
         if not nearer or not _needed(at, bare, group, begun):
             continue
         if not exact and (group.start is not None or not is_beyond(at, group)):
-            little = _taken_away(here, there, group) < least and not strains(bare, at)
-            if there.mean_err < OWN * min(own, here.mean_err) or little:
+            explained = there.mean_err < OWN * min(own, here.mean_err)
+            little = explained or _taken_away(here, there, group) < least
+            if little and not strains(bare, at):
                 continue
         offer = offered(at, recordings, begun, offer)
         rivals = _rivals(at, bare, group, recordings, offer)
