@@ -22,6 +22,7 @@ from dlo_ros.diagnosis.findings.joint_learning import (
 )
 from dlo_ros.diagnosis.findings.joint_outcome import joint_outcome
 from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
+from dlo_ros.diagnosis.proposals.time_steps import with_short_steps
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.identification.offline.initial_fit import Beginning, begin, drafts, finer, fitted
@@ -62,12 +63,12 @@ def diagnose(
     given = searchable(settings)
     count = len(recordings)
     progress("fitting the plain model", 0.0)
-    beginning = begin([*recordings, *holdout], given)
+    beginning = _begun([*recordings, *holdout], given)
     plain, found = _explained(beginning, count, given, progress)
     better = _better_plain_model(plain, found, beginning)
     if better is not None:
         progress("fitting the plain model anew", 0.0)
-        beginning = begin([*recordings, *holdout], given, better)
+        beginning = _begun([*recordings, *holdout], given, better)
         plain, found = _explained(beginning, count, given, progress)
     progress("refining the simulation", 0.0)
     sharper = _sharper(plain, found, beginning)
@@ -77,6 +78,14 @@ def diagnose(
     progress("measuring the gain", 1.0)
     outcome = joint_outcome(beginning, plain, found, given)
     return with_forces(outcome, recordings, given, _left_out(beginning))
+
+
+def _begun(
+    recordings: Sequence[Manipulation], given: Settings, better: ParametricModel | None = None
+) -> Beginning:
+    """The initial fit, with time steps that are short enough for what may be added to it."""
+    found = begin(recordings, given, better)
+    return replace(found, recordings=with_short_steps(found.recordings, found.at))
 
 
 def _explained(

@@ -17,6 +17,7 @@ from dlo_ros.diagnosis.explain.joint_explanation import (
     prepare,
 )
 from dlo_ros.diagnosis.findings import holdout
+from dlo_ros.diagnosis.proposals.time_steps import with_short_steps
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.offline.initial_fit import Beginning, drafts
 from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, rejudged, simulate
@@ -109,7 +110,7 @@ def training_set(
     chosen = [k for k in range(count) if k != held_out]
     learned = [recordings[k] for k in chosen]
     at = beginning.near or beginning.at
-    rough = drafts(learned, at.of(chosen))
+    rough = with_short_steps(drafts(learned, at.of(chosen)), at.of(chosen))
     return TrainingSet(recordings, count, held_out, prepare(rough, plain, given))
 
 
