@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from experiment_recordings import fitted_set_up
 from field.coverage import condition
 from live_estimates import live_estimate
 from measured import at_rest, swing
@@ -13,7 +14,10 @@ from rods import PAPER
 from dlo_ros.cli.main import main
 from dlo_ros.identification import OnlineEstimator, identify
 from dlo_ros.identification.information import widened
-from dlo_ros.identification.offline.set_up_estimate import mixed
+from dlo_ros.identification.offline.set_up_estimate import _information, mixed
+from dlo_ros.inference.joint import evaluate
+from dlo_ros.inference.joint_fit import expected_gain
+from dlo_ros.inference.losses import CORRELATED
 from dlo_ros.parameters import Settings, tolerance
 from dlo_ros.rod.sensitivity_parameters import variation_of
 
@@ -102,6 +106,20 @@ def test_a_mixture_has_the_variance_of_both_and_of_what_lies_between():
     wanted = 0.75 * np.linalg.inv(a) + 0.25 * (np.linalg.inv(b) + np.outer(apart, apart))
     assert np.allclose(found, wanted)
     assert np.allclose(mixed(a, b, 0.0, apart), a)
+
+
+def test_what_a_fit_has_not_reached_counts_in_the_std():
+    at, recordings = fitted_set_up()
+    ratio = np.array([1.0, -1.0, 0.0, 0.0])  # of ln (E, mu, c, t_r)
+
+    def std(found):
+        known = _information(found) + 1e-2 * np.eye(4)
+        return float(np.sqrt(ratio @ np.linalg.solve(known, ratio)))
+
+    off = evaluate(at.model.stiffened(1.2), recordings)
+    assert expected_gain(off, CORRELATED) > 10.0 > expected_gain(at, CORRELATED)
+    assert std(off) > 3.0 * std(at)
+    assert std(off) == pytest.approx(np.log(1.2), rel=0.3)
 
 
 def test_what_is_open_stays_open():
