@@ -33,6 +33,7 @@ SETTINGS = {
     "observation_operator.FACING",
     "observation_operator.NEGLECTED",
     "recorded_inputs.LEAST",
+    "time_steps.SHORTEST",
     "linearised_model.FLAT",
     "wrench_identification.ROUNDING",
     # How much is tried, kept or shown.
