@@ -14,6 +14,7 @@ from rods import PAPER
 from dlo_ros.cli.main import main
 from dlo_ros.identification import OnlineEstimator, identify
 from dlo_ros.identification.information import widened
+from dlo_ros.identification.offline import set_up_estimate
 from dlo_ros.identification.offline.set_up_estimate import _information, mixed
 from dlo_ros.inference.joint import evaluate
 from dlo_ros.inference.joint_fit import expected_gain
@@ -120,6 +121,18 @@ def test_what_a_fit_has_not_reached_counts_in_the_std():
     assert expected_gain(off, CORRELATED) > 10.0 > expected_gain(at, CORRELATED)
     assert std(off) > 3.0 * std(at)
     assert std(off) == pytest.approx(np.log(1.2), rel=0.3)
+
+
+def test_a_model_that_is_far_from_the_shapes_claims_little(monkeypatch):
+    at, _ = fitted_set_up()
+    unknown = np.zeros(4)
+    monkeypatch.setattr(set_up_estimate, "model_shift", lambda *_, **__: unknown)
+    monkeypatch.setattr(set_up_estimate, "next_step", lambda a, _: np.zeros(len(a.model.names)))
+    near = set_up_estimate._information(at)
+    length = at.model.settings.rod.length
+    for share, factor in ((0.005, 1.0), (0.1, 10.0)):
+        far = replace(at, err=tuple(np.full_like(e, share * length) for e in at.err))
+        assert set_up_estimate._information(far) == pytest.approx(near / factor**2, rel=1e-9)
 
 
 def test_what_is_open_stays_open():

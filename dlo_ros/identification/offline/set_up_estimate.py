@@ -28,7 +28,7 @@ from dlo_ros.inference.losses import CORRELATED, TO_REPORT
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.priors import joint_model, with_tails
 from dlo_ros.inference.scene import imposed_names, scene
-from dlo_ros.inference.thresholds import NAMED
+from dlo_ros.inference.thresholds import NAMED, TRACKER_ERROR
 from dlo_ros.inference.variances import posterior, widened_covariance
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
@@ -154,9 +154,12 @@ def _information(at: Evaluation) -> FloatArray:
     """Information of the data on the material, with possible errors of theory and diameter.
 
     What a fit has not reached is another possible error: the step that is expected to lead there.
+    Where a model misses by more than any tracker errs, it is wrong: each std is as much larger.
     """
     by_eye = any(p.effect for p in at.model.parameters)
-    known = widened(marginal_information(at), model_shift(at.model.settings, usual=by_eye))
+    wrong = max(1.0, at.mean_err / (TRACKER_ERROR * at.model.settings.rod.length))
+    data = marginal_information(at) / wrong**2
+    known = widened(data, model_shift(at.model.settings, usual=by_eye))
     left = np.zeros(len(MATERIAL))
     for p, step in zip(at.model.parameters, next_step(at, CORRELATED), strict=True):
         if not p.effect:
