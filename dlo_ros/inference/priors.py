@@ -17,7 +17,7 @@ from dlo_ros.parameters import Settings, tolerance
 from dlo_ros.rod.sensitivity_parameters import effect_names
 
 WIDE = 1.5
-"""The same of a logarithm without a tolerance: a factor of 4.5."""
+"""Prior standard deviation of a cause's logarithm without a tolerance: a factor of 4.5."""
 UNIFORM = 12.0**-0.5
 """Standard deviation of a uniform prior, over its range."""
 DIAMETER_STD = 0.02
@@ -87,12 +87,17 @@ def joint_model(start: Settings, given: Settings, scene: Scene) -> ParametricMod
     return model
 
 
-def with_tails(model: ParametricModel) -> ParametricModel:
-    """The model whose set-up may also be far beyond tolerances where their effects say so."""
+def with_tails(model: ParametricModel, given: Settings) -> ParametricModel:
+    """The model whose set-up may also be far beyond tolerances where their effects say so.
+
+    Args:
+        given: the parameter file; a tolerance that it states holds.
+    """
 
     def common(p: Parameter) -> Parameter:
         effect, key, _ = split_name(p.name)
-        return replace(p, beyond=quantities(effect)[key].beyond)
+        stated = f"{effect}.{key}" in given.tolerances
+        return replace(p, beyond=0.0 if stated else quantities(effect)[key].beyond)
 
     return model.with_prior([common(p) for p in model.parameters if p.tolerated])
 

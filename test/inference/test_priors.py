@@ -46,5 +46,7 @@ def test_a_coil_is_beyond_tolerance_more_often_than_a_clamp():
     scene = Scene(PAPER.scale, ("start",), ("start",), 0.0)
     model = joint_model(PAPER, PAPER, scene)
     assert not any(p.beyond for p in model.parameters)
-    tails = {p.effect for p in with_tails(model).parameters if p.beyond}
+    tails = {p.effect for p in with_tails(model, PAPER).parameters if p.beyond}
     assert tails == {"intrinsic_curvature"}
+    stated = replace(PAPER, tolerances={"intrinsic_curvature.curvature": 2.0})
+    assert not any(p.beyond for p in with_tails(model, stated).parameters)

@@ -112,7 +112,7 @@ def _open(exact: Evaluation, recordings: Sequence[Recording], given: Settings) -
     """The set-up open at its stated values; None where no number of it has a tolerance."""
     names = imposed_names([r.manipulation for r in recordings])
     view = scene(exact.model.settings, names, [r.observed for r in recordings])
-    model = with_tails(joint_model(exact.model.settings, given, view))
+    model = with_tails(joint_model(exact.model.settings, given, view), given)
     if not any(p.effect for p in model.parameters):
         return None
     return evaluate(model, recordings, exact.variances)
