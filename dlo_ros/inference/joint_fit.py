@@ -271,13 +271,19 @@ def _improved(
 
 def expected_gain(at: Evaluation, loss: Loss) -> float:
     """Gain of the log posterior by the next step within ranges, as far as derivatives tell."""
-    return _expected(next_step(at, loss), *_equations(at, loss))
+    lhs, rhs = _equations(at, loss)
+    return _expected(_within_ranges(at.model, _step(at.model, lhs, rhs)), lhs, rhs)
 
 
 def next_step(at: Evaluation, loss: Loss) -> FloatArray:
     """The step within ranges to the optimum, as far as derivatives tell, shape (P,)."""
-    theta = at.model.theta()
-    return at.model.at(theta + _step(at.model, *_equations(at, loss))).theta() - theta
+    return _within_ranges(at.model, _step(at.model, *_equations(at, loss)))
+
+
+def _within_ranges(model: ParametricModel, step: FloatArray) -> FloatArray:
+    """A step (P,) as far as it stays within the ranges of the numbers."""
+    theta = model.theta()
+    return model.at(theta + step).theta() - theta
 
 
 def _step(model: ParametricModel, lhs: FloatArray, rhs: FloatArray) -> FloatArray:

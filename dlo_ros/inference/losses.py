@@ -27,8 +27,6 @@ FARTHER = 1.1
 """ERR over that at the beginning of a fit and what does not matter, beyond which no step leads
 whatever its likelihood: an error that dies out holds whole swings for little, and the fit would
 follow their rapid part alone into a wrong minimum."""
-NO_FARTHER = 1.0
-"""The same of a fit that begins where another one has ended, and has been so far already."""
 
 
 def independent(spectra: Sequence[Spectrum]) -> float:
@@ -48,18 +46,26 @@ class CorrelatedLoss:
 
     Args:
         converged: gain of the log posterior at which a fit ends.
-        farther: how far from the shapes it may lead, see `FARTHER`.
         known: variances of each recording, such as those of an observer; None: they are fitted.
+        goes_on: whether the fit begins where another one has ended, and has been led as far from
+            the shapes as any may be.
     """
 
     converged: float = CONVERGED
-    farther: float = FARTHER
     known: tuple[Variances, ...] | None = None
+    goes_on: bool = False
 
     @property
     def fits_variances(self) -> bool:
         """Whether the variances of the errors are fitted anew in each iteration."""
         return self.known is None
+
+    @property
+    def farther(self) -> float:
+        """ERR over that at the beginning, beyond which no step leads, see `FARTHER`."""
+        if self.known is not None:
+            return np.inf
+        return 1.0 if self.goes_on else FARTHER
 
     def normal_equations(self, at: Evaluation) -> tuple[FloatArray, FloatArray]:
         """Hessian (P, P) and gradient (P,) of the data's log likelihood, without the prior."""
@@ -126,7 +132,7 @@ class WhiteLoss:
 
 Loss = CorrelatedLoss | WhiteLoss
 CORRELATED, WHITE = CorrelatedLoss(), WhiteLoss()
-TO_REPORT = CorrelatedLoss(CONVERGED_TO_REPORT, NO_FARTHER)
+TO_REPORT = CorrelatedLoss(CONVERGED_TO_REPORT, goes_on=True)
 
 
 def misfit(at: Evaluation, reference: Evaluation, loss: Loss = CORRELATED) -> float:

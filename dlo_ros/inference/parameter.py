@@ -185,6 +185,15 @@ class ParametricModel:
         pairs = zip(self.parameters, self.theta(), strict=True)
         return sum(p.surprise(float(x)) for p, x in pairs)
 
+    def of_material(self, values: FloatArray, other: float) -> FloatArray:
+        """Those of the parameters' values (P,) that belong to `MATERIAL`, shape (4,).
+
+        Args:
+            other: the value of what is no parameter.
+        """
+        known = dict(zip(self.names, values, strict=True))
+        return np.array([known.get(name, other) for name in MATERIAL])
+
     def on_material(self, hessian: FloatArray) -> FloatArray:
         """Information of data on the logarithms of `MATERIAL`, shape (4, 4), of all parameters.
 

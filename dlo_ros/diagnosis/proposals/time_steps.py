@@ -12,11 +12,9 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from dlo_ros.effects import effects, starts
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.offline.initial_fit import whitened
+from dlo_ros.identification.offline.initial_fit import TIME_FACTOR, apart, rms, whitened
 from dlo_ros.inference.joint import Simulated, simulate
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
@@ -26,8 +24,8 @@ from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)
 
-SHORTER, SHORTEST = 10.0, 1e-4
-"""Factor between two tolerances of time steps, and the smallest one that is tried."""
+SHORTEST = 1e-4
+"""Smallest tolerance of time steps that is tried."""
 
 
 def with_short_steps(recordings: Sequence[Recording], at: Simulated) -> tuple[Recording, ...]:
@@ -38,7 +36,7 @@ def with_short_steps(recordings: Sequence[Recording], at: Simulated) -> tuple[Re
     """
     models = _models(recordings, at.model.settings)
     return tuple(
-        _short_enough(recording, models, max(IMMATERIAL, SMALL_SHARE * _rms(left)))
+        _short_enough(recording, models, max(IMMATERIAL, SMALL_SHARE * rms([left])))
         for recording, left in zip(recordings, whitened(at, recordings), strict=True)
     )
 
@@ -65,8 +63,8 @@ def _short_enough(
     """
     here = recording
     while here.tolerance is not None and here.tolerance > SHORTEST:
-        finer = replace(here, tolerance=here.tolerance / SHORTER)
-        error = max((_apart(m, here, finer) for m in models), default=0.0)
+        finer = replace(here, tolerance=here.tolerance / TIME_FACTOR)
+        error = max((_error(m, here, finer) for m in models), default=0.0)
         if error < allowed:
             break
         LOG.info("%s: %.2g times the noise with steps of %g", here.name, error, here.tolerance)
@@ -74,14 +72,10 @@ def _short_enough(
     return here
 
 
-def _apart(model: ParametricModel, recording: Recording, finer: Recording) -> float:
-    """Difference of two simulations in units of the noise; 0 where there is none to compare."""
+def _error(model: ParametricModel, recording: Recording, finer: Recording) -> float:
+    """Error of a simulation in units of the noise; 0 where there is no finer one to compare."""
     try:
-        (a,), (b,) = (whitened(simulate(model, [r], ()), [r]) for r in (recording, finer))
+        here, there = (simulate(model, [r], ()) for r in (recording, finer))
     except SimulationError:
         return 0.0
-    return _rms(a - b)
-
-
-def _rms(left: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(left**2)))
+    return apart(here, there, [recording])

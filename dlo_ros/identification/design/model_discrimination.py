@@ -180,7 +180,7 @@ def _evidence_lost(
     known = (observer_variances(model.settings, noise, parts),)
     begun = Simulated(model, (here,), (begin.err,), (begin.predicted,), (seen.motion,))
     found = compared(begun, known)
-    found = fit(found, [seen], refits, loss=CorrelatedLoss(farther=np.inf, known=known), draft=True)
+    found = fit(found, [seen], refits, loss=CorrelatedLoss(known=known), draft=True)
     (bins,) = found.spectra
     offset, precision = found.model.offset(), found.model.precision()
 

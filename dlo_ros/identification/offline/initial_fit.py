@@ -135,16 +135,16 @@ def finer(
     settings, recordings = near.settings, beginning.recordings
     here = simulate(near, recordings, ())
     left = whitened(here, recordings)
-    most = IMMATERIAL * _rms(left)
+    most = IMMATERIAL * rms(left)
     try:
         next_ = [refined(r, settings) for r in recordings]
-        change = _apart(here, simulate(near, next_, ()), recordings)
+        change = apart(here, simulate(near, next_, ()), recordings)
         missed = change / (1.0 - STEP_SHORTER**-2)  # it falls with the square of the step
         if missed >= most:
             recordings, error = _finer(recordings, here)
             fine = simulate(near, recordings, ())
-            most = IMMATERIAL * _rms(whitened(fine, recordings))
-            if _apart(here, fine, recordings) >= most:
+            most = IMMATERIAL * rms(whitened(fine, recordings))
+            if apart(here, fine, recordings) >= most:
                 at = fitted(beginning.at.model, recordings)
                 return Beginning(recordings, at, error, beginning.left_out, fine)
     except SimulationError as err:  # drafts may be too coarse all the same
@@ -154,13 +154,13 @@ def finer(
     drafts_of = list(rough.values())
     drafted = whitened(simulate(near, drafts_of, ()), drafts_of)
     own = [a - left[k][: len(a)] for k, a in zip(rough, drafted, strict=True)]
-    return None if _rms(own) < most else replace(beginning, near=here)
+    return None if rms(own) < most else replace(beginning, near=here)
 
 
-def _apart(at: Simulated, other: Simulated, recordings: Sequence[Recording]) -> float:
+def apart(at: Simulated, other: Simulated, recordings: Sequence[Recording]) -> float:
     """Root mean square difference of two simulations in units of the noise."""
     pairs = zip(whitened(at, recordings), whitened(other, recordings), strict=True)
-    return _rms([a - b for a, b in pairs])
+    return rms([a - b for a, b in pairs])
 
 
 def whitened(at: Simulated, recordings: Sequence[Recording]) -> list[FloatArray]:
@@ -168,7 +168,8 @@ def whitened(at: Simulated, recordings: Sequence[Recording]) -> list[FloatArray]
     return [r / recording.noise for (r, _), recording in zip(at.fields, recordings, strict=True)]
 
 
-def _rms(residuals: Sequence[FloatArray]) -> float:
+def rms(residuals: Sequence[FloatArray]) -> float:
+    """Root mean square of all residuals."""
     return float(np.sqrt(np.mean(np.concatenate([r.ravel() for r in residuals]) ** 2)))
 
 
@@ -200,7 +201,7 @@ def _best_start(coarse: tuple[Recording, ...], model: ParametricModel) -> Simula
             continue
         if found.mean_err < best.mean_err:
             best = found
-        if _rms(whitened(found, known)) < MUCH_LARGER:
+        if rms(whitened(found, known)) < MUCH_LARGER:
             break
     return best
 
@@ -246,7 +247,7 @@ def _finer(recordings: tuple[Recording, ...], at: Simulated) -> tuple[tuple[Reco
     """The recordings with knot spans and time steps that keep the simulation's error small."""
     result, errors = [], []
     settings, length = at.model.settings, at.model.settings.rod.length
-    fineness = max(NOISE_SHARE, OWN_SHARE * _rms(whitened(at, recordings)))
+    fineness = max(NOISE_SHARE, OWN_SHARE * rms(whitened(at, recordings)))
     for recording in recordings:
         n = recording.observed.shape[1]
         noise = float(np.sqrt(np.sum(recording.noise[:n] ** 2)))
@@ -298,8 +299,8 @@ def _coarsest(
             continue
         best = best or recording
         if before is not None:
-            apart = recording.coefficients(shapes - before[1])
-            error = float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))
+            off = recording.coefficients(shapes - before[1])
+            error = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
             if error < FALLS * least:
                 best, least = before[0], error
             if error >= allowed > error / (factor - 1.0):
@@ -322,7 +323,7 @@ def drafts(recordings: Sequence[Recording], at: Simulated) -> tuple[Recording, .
     result = []
     for recording, r, fine in zip(recordings, whitened(at, recordings), at.predicted, strict=True):
         coarse = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
-        most = max(IMMATERIAL, DRAFT_SHARE * _rms([r]))
+        most = max(IMMATERIAL, DRAFT_SHARE * rms([r]))
         tolerance = max(DRAFT_TOLERANCE, recording.tolerance or 0.0)
         finest = recording.spans or coarse * 2**SPACE_ROUNDS
         coarser = [coarse * 2**k for k in range(SPACE_ROUNDS) if coarse * 2**k < finest]
@@ -332,10 +333,10 @@ def drafts(recordings: Sequence[Recording], at: Simulated) -> tuple[Recording, .
                 draft_at = simulate(at.model, [draft], ())
             except SimulationError:
                 continue
-            apart = draft_at.predicted[0][..., :3] - fine[..., :3]
-            if _rms([recording.coefficients(apart) / recording.noise]) < most:
+            off = draft_at.predicted[0][..., :3] - fine[..., :3]
+            if rms([recording.coefficients(off) / recording.noise]) < most:
                 # What it does wrong with this model, it does with others, nearly.
-                draft = draft.moved(apart)
+                draft = draft.moved(off)
                 break
         else:
             draft = recording

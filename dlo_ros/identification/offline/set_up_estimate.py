@@ -160,11 +160,7 @@ def _information(at: Evaluation) -> FloatArray:
     wrong = max(1.0, at.mean_err / (TRACKER_ERROR * at.model.settings.rod.length))
     data = marginal_information(at) / wrong**2
     known = widened(data, model_shift(at.model.settings, usual=by_eye))
-    left = np.zeros(len(MATERIAL))
-    for p, step in zip(at.model.parameters, next_step(at, CORRELATED), strict=True):
-        if not p.effect:
-            left[MATERIAL.index(p.name)] = step
-    return widened(known, left)
+    return widened(known, at.model.of_material(next_step(at, CORRELATED), 0.0))
 
 
 def marginal_information(at: Evaluation) -> FloatArray:
@@ -178,10 +174,7 @@ def marginal_information(at: Evaluation) -> FloatArray:
     held[at.model.index("density")] = EXACT
     alike = posterior(at.spectra, at.variances, offset, held).covariance
     wide = widened_covariance(at.spectra, at.variances, offset, held)
-    factor = np.ones(len(MATERIAL))
-    for k, p in enumerate(at.model.parameters):
-        if not p.effect:
-            factor[MATERIAL.index(p.name)] = np.sqrt(wide[k, k] / alike[k, k])
+    factor = at.model.of_material(np.sqrt(np.diag(wide) / np.diag(alike)), 1.0)
     factor[MATERIAL.index("density")] = factor[MATERIAL.index("young_modulus")]
     return np.asarray(information / np.outer(factor, factor))
 
