@@ -37,7 +37,6 @@ SETTINGS = {
     "linearised_model.FLAT",
     "wrench_identification.ROUNDING",
     # How much is tried, kept or shown.
-    "candidate_trials.TRIALS",
     "cause_naming.RIVAL_FITS",
     "cause_search.MOST_CAUSES",
     "confirmed_uncertainty.LONGEST",

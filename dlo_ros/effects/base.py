@@ -7,17 +7,20 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cache
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
 from dlo_ros.command import Command
 from dlo_ros.effects.quantity import Quantity, RopeScale, described, quantity
-from dlo_ros.effects.start import INNER_PLACES, Block, Scene, Start, Value
+from dlo_ros.effects.start import INNER_PLACES, Block, PlainRod, Scene, Start, Value
 from dlo_ros.errors import ParameterError
 from dlo_ros.spline import FloatArray, SplineBasis
 
-__all__ = ["Body", "Effect", "Peg", "Quantity", "RopeScale", "Scene", "Start", "Wall", "quantity"]
+__all__ = [
+    "Body", "Effect", "Peg", "PlainRod", "Quantity", "RopeScale", "Scene", "Start", "Wall",
+    "quantity",
+]  # fmt: skip
 
 PREFIX = "effects."  # of the names of their parameters
 SHORTEST = 0.1  # of the configured length that effects may leave
@@ -311,6 +314,22 @@ class Effect:
     def true(self, points: FloatArray) -> FloatArray:
         """The inverse of `measured`."""
         return points
+
+    @classmethod
+    def instead_of(cls, fitted: PlainRod, guessed: PlainRod) -> tuple[Self, PlainRod] | None:
+        """The effect that a fitted plain rod may stand for, and the plain rod beside that effect.
+
+        A fit without the effect may lie in a minimum of its own, from where no derivative leads to
+        the effect. By default there is none.
+
+        Args:
+            guessed: the plain rod of the parameter file.
+        """
+        return None
+
+    def taken_for(self, beside: PlainRod) -> PlainRod:
+        """The plain rod that may stand for one with this effect, see `instead_of`."""
+        return beside
 
     @classmethod
     @cache

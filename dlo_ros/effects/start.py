@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -48,6 +49,18 @@ class Start:
     def afar(self) -> bool:
         """Whether it begins far from neutral, where no derivative shows it."""
         return not self.neutral and not self.screened
+
+
+class PlainRod(NamedTuple):
+    """Numbers of a rod without effects that may stand for one with an effect.
+
+    Args:
+        young_modulus: [Pa].
+        relaxation_time: of Kelvin-Voigt damping [s].
+    """
+
+    young_modulus: float
+    relaxation_time: float
 
 
 @dataclass(frozen=True)

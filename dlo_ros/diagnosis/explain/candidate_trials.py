@@ -4,36 +4,30 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
 
-from dlo_ros.diagnosis.proposals.linear_evidence import PredictedGain, Proposal, joined
-from dlo_ros.effects import effects, quantities
+from dlo_ros.diagnosis.explain.trial_beginnings import Beginning, beginning
+from dlo_ros.diagnosis.proposals.linear_evidence import PredictedGain, Proposal
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import (
     Evaluation,
-    Simulated,
-    borrowed,
-    compared,
     evaluate,
-    simulate,
 )
-from dlo_ros.inference.joint_fit import approached, fit, nearest_err
+from dlo_ros.inference.joint_fit import fit, nearest_err
 from dlo_ros.inference.losses import WHITE
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.parameter import Parameter, ParametricModel
+from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import (
-    INDISPENSABLE,
+    CLEARLY_LESS,
     MUCH_LARGER,
     PROMISING,
     SAME_GAIN,
     WORTH,
 )
-from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
@@ -43,14 +37,6 @@ Trial = tuple[Evaluation, Proposal]
 
 CHECKED = 10
 """Proposals that are simulated in a step at most, those with the largest predicted gain."""
-SHARES = (1.0, 0.5)
-"""Shares of the way to the predicted model that are simulated, of an effect that begins at a finite
-size."""
-SIZES, SIZE_TRIALS = 2.2, 6
-"""Factor up to which the size of an effect that begins at a finite one may be larger or smaller
-where its fit begins, and number of sizes that are simulated: no derivative tells of it."""
-PLACE_TRIALS = 25
-"""Places that are simulated of something that the DLO hits: no derivative leads to them."""
 TRIALS = 3
 """Proposals that are fitted: those of different effects that come nearest, and that of the largest
 predicted gain."""
@@ -79,7 +65,7 @@ class Step:
 
 def best_trial(
     number: int, at: Evaluation, offers: Sequence[tuple[Evaluation, Sequence[PredictedGain]]],
-    recordings: Sequence[Recording], least: float = np.inf,
+    recordings: Sequence[Recording], least: float = np.inf, begun: Sequence[Trial] = (),
 ) -> tuple[Trial | None, list[Step]]:  # fmt: skip
     """Fit the proposals of the largest predicted gains; return the best, if it is worth adding.
 
@@ -88,69 +74,106 @@ def best_trial(
         at: the joint model over which a proposal must gain.
         offers: models from which fits may begin, each with its predictions, best first.
         least: ERR [m], within which one must come by its first steps: otherwise none is fitted, but
-            for one of such a gain that E may depend on it, as on a creep.
+            for those of a large gain, and those on which E depends.
+        begun: proposals whose fits have begun already, with which the others compete.
 
     Returns:
         The best trial, None where none is worth it, and what became of each proposal.
     """
+    checked, trace = _all_checked(number, offers, recordings)
+    chosen, rest = _chosen(checked, at, least)
+    trials = list(begun)
+    trace += [Step(number, c.label, c.gain, c.err, outcome) for c, outcome in rest]
+    for c in chosen:
+        LOG.info("%s: its fit begins %.3f mm off", c.label, 1e3 * c.err)
+        # It must come near before errors can be separated from the effect.
+        found = fitted(c.predicted.model, recordings, FIRST_ITERATIONS, far=True, draft=True)
+        if found is None:
+            trace.append(Step(number, c.label, c.gain, c.err, "cannot be simulated"))
+        else:
+            trials.append((found, c.predicted.proposal))
+    # A fit that has only begun tells its gain no better than that.
+    enough = CLEARLY_LESS * max((_gain(trial, at) for trial in trials), default=0.0)
+    likely = [_continued(t, at, recordings) for t in trials if _gain(t, at) >= enough]
+    others = [t for t in trials if _gain(t, at) < enough]
+    best: Trial | None = None
+    for k, trial in enumerate([*_best_first(likely, at), *_best_first(others, at)]):
+        outcome = "fitted, but another gains more"
+        if best is None:
+            if k >= len(likely):
+                trial = _continued(trial, at, recordings)
+            # A proposal with which predictions stay farther from the shapes is no explanation,
+            # whatever its log evidence.
+            if not gains(trial, at):
+                outcome = "gains too little"
+            elif not comes_nearer(trial[0], at, recordings):
+                outcome = "makes matters worse"
+            else:
+                best, outcome = trial, "added"
+        gain = _gain(trial, at)
+        trace.append(Step(number, trial[1].label, gain, trial[0].mean_err, outcome))
+    return best, trace
+
+
+def _all_checked(
+    number: int, offers: Sequence[tuple[Evaluation, Sequence[PredictedGain]]],
+    recordings: Sequence[Recording],
+) -> tuple[list[Beginning], list[Step]]:  # fmt: skip
+    """The promising proposals, and what became of the others; see `best_trial`."""
     trace: list[Step] = []
-    checked: list[tuple[float, PredictedGain]] = []
+    checked: list[Beginning] = []
     for origin, predictions in offers:
         promising = {id(p) for p in _promising(predictions)}
         for predicted in predictions:
-            name = predicted.proposal.label
+            label, gain = predicted.proposal.label, predicted.gain
             if id(predicted) not in promising:
-                trace.append(Step(number, name, predicted.gain, None, "predicted to gain less"))
+                trace.append(Step(number, label, gain, None, "predicted to gain less"))
                 continue
             try:
-                checked.append(_checked(origin, predicted, recordings))
+                checked.append(beginning(origin, predicted, recordings))
             except SimulationError as reason:
-                LOG.info("%s: %s", name, reason)
-                trace.append(Step(number, name, predicted.gain, None, "cannot be simulated"))
-    checked = _various(sorted(checked, key=lambda row: row[0]), lambda row: _kind(row[1]))
-    if all(err > least and p.gain < INDISPENSABLE for err, p in checked):
-        rows = [(p.proposal.label, p.gain, err) for err, p in checked]
-        return None, [*trace, *(Step(number, *row, "takes too little") for row in rows)]
+                LOG.info("%s: %s", label, reason)
+                trace.append(Step(number, label, gain, None, "cannot be simulated"))
+    return checked, trace
+
+
+def _chosen(
+    checked: Sequence[Beginning], at: Evaluation, least: float
+) -> tuple[list[Beginning], list[tuple[Beginning, str]]]:
+    """Proposals that are fitted, and why the others are not; see `best_trial`."""
+    nearest = sorted(checked, key=lambda c: c.err)
+    enough = [c for c in nearest if c.vital or any(o.err <= least for o in nearest)]
+    enough = _various(enough, lambda c: _kind(c.predicted))
     # A few steps tell little of what must leave the set-up's wrong valley first: one trial is that
     # of the largest predicted gain, of another effect.
-    nearest = {_kind(p) for _, p in checked[: TRIALS - 1]}
-    others = [k for k, (_, p) in enumerate(checked) if _kind(p) not in nearest]
+    kinds = {_kind(c.predicted) for c in enough[: TRIALS - 1]}
+    others = [k for k, c in enumerate(enough) if _kind(c.predicted) not in kinds]
     if others:
-        most = max(others, key=lambda k: checked[k][1].gain)
-        checked.insert(TRIALS - 1, checked.pop(most))
-    begun: list[Trial] = []
-    for k, (err, predicted) in enumerate(checked):
-        name = predicted.proposal.label
-        LOG.info("%s: its fit begins %.3f mm off", name, 1e3 * err)
-        if k >= TRIALS or err > MUCH_LARGER * at.mean_err:
-            outcome = "others come nearer" if k >= TRIALS else "makes matters worse"
-            trace.append(Step(number, name, predicted.gain, err, outcome))
-            continue
-        # It must come near before errors can be separated from the effect.
-        found = fitted(predicted.model, recordings, FIRST_ITERATIONS, far=True, draft=True)
-        if found is None:
-            trace.append(Step(number, name, predicted.gain, err, "cannot be simulated"))
-        else:
-            begun.append((found, predicted.proposal))
-    best: Trial | None = None
-    for found, proposal in _best_first(begun, at):
-        outcome = "fitted, but another gains more"
-        if best is None:
-            longer = fit(found, recordings, FIT_ITERATIONS)
-            # Where the shapes are left by what goes on, the shorter fit is the better explanation.
-            shorter = longer.mean_err > at.mean_err >= found.mean_err
-            found = fit(found, recordings, 0) if shorter else longer
-            # A proposal with which predictions stay farther from the shapes is no explanation,
-            # whatever its log evidence.
-            if not gains((found, proposal), at):
-                outcome = "gains too little"
-            elif not comes_nearer(found, at, recordings):
-                outcome = "makes matters worse"
-            else:
-                best, outcome = (found, proposal), "added"
-        gain = found.posterior.evidence - at.posterior.evidence
-        trace.append(Step(number, proposal.label, gain, found.mean_err, outcome))
-    return best, trace
+        most = max(others, key=lambda k: enough[k].gain)
+        enough.insert(TRIALS - 1, enough.pop(most))
+    far = MUCH_LARGER * at.mean_err
+    chosen = [c for c in enough[:TRIALS] if c.err <= far]
+    outcomes = [(c, "takes too little") for c in nearest if c not in enough]
+    outcomes += [(c, "others come nearer") for c in enough[TRIALS:]]
+    return chosen, outcomes + [(c, "makes matters worse") for c in enough[:TRIALS] if c.err > far]
+
+
+def _gain(trial: Trial, at: Evaluation) -> float:
+    """Gain in log evidence of a trial over a model without it."""
+    return trial[0].posterior.evidence - at.posterior.evidence
+
+
+def _continued(trial: Trial, at: Evaluation, recordings: Sequence[Recording]) -> Trial:
+    """A trial whose fit goes on; where it leaves the shapes by that, it stays where it was.
+
+    Args:
+        at: the model without it.
+    """
+    found, proposal = trial
+    longer = fit(found, recordings, FIT_ITERATIONS)
+    if longer.mean_err > at.mean_err >= found.mean_err:
+        longer = fit(found, recordings, 0)
+    return longer, proposal
 
 
 def _promising(predictions: Sequence[PredictedGain]) -> list[PredictedGain]:
@@ -182,132 +205,20 @@ def _various(rows: Sequence[Row], kind: Callable[[Row], str]) -> list[Row]:
     return [*first.values(), *(row for row in rows if row is not first[kind(row)])]
 
 
-def _best_first(begun: Sequence[Trial], at: Evaluation) -> list[Trial]:
+def _best_first(trials: Sequence[Trial], at: Evaluation) -> list[Trial]:
     """Trials by their log evidence; of those that gain alike, the nearest to the shapes first."""
-    most = max((trial[0].posterior.evidence for trial in begun), default=0.0)
-    least = most - SAME_GAIN * (most - at.posterior.evidence)
+    least = (1.0 - SAME_GAIN) * max((_gain(trial, at) for trial in trials), default=0.0)
 
     def order(trial: Trial) -> tuple[bool, float]:
-        evidence = trial[0].posterior.evidence
-        return evidence < least, trial[0].mean_err if evidence >= least else -evidence
+        gain = _gain(trial, at)
+        return gain < least, trial[0].mean_err if gain >= least else -gain
 
-    return sorted(begun, key=order)
-
-
-def _checked(
-    at: Evaluation, predicted: PredictedGain, recordings: Sequence[Recording]
-) -> tuple[float, PredictedGain]:
-    """ERR [m] of a proposal where its fit begins, and that beginning.
-
-    Gains are predicted linearly, for correlated errors: the step to the predicted model is often
-    too long, and what it gains may be but the rapid part of the residuals. A few steps with the
-    same derivatives tell how near to the shapes the proposal leads.
-
-    Args:
-        at: the model without the proposal.
-
-    Raises:
-        SimulationError: it cannot be simulated there.
-    """
-    smooth = predicted.proposal.from_nothing
-    begin = _with_columns(at, predicted)
-    if not smooth:
-        begin = borrowed(begin, _nearest_size(predicted, recordings), recordings)
-    model = _held(begin.model, {*at.model.names, *(predicted.proposal.columns if smooth else ())})
-    found = approached(replace(begin, model=model), recordings)
-    return found.mean_err, replace(predicted, model=predicted.begin.at(found.model.theta()))
-
-
-def _with_columns(at: Evaluation, predicted: PredictedGain) -> Evaluation:
-    """The model with a proposal at its first values, and the derivatives that are known there."""
-    names, fields, model = at.model.names, at.fields, predicted.begin
-    if predicted.columns and predicted.proposal.from_nothing:
-        names, fields = (*names, *predicted.proposal.columns), joined(fields, predicted.columns)
-    # Of other parameters no derivative is known yet: a column of zeros stands behind the others.
-    place = [names.index(n) if n in names else len(names) for n in model.names]
-    known = tuple((r, np.pad(j, ((0, 0), (0, 1), (0, 0)))[:, place]) for r, j in fields)
-    return compared(Simulated(model, known, at.err, at.predicted, at.motions), at.variances)
-
-
-def _held(model: ParametricModel, known: Collection[str]) -> ParametricModel:
-    """The model with those parameters held of which no derivative is known.
-
-    Their priors alone would say where they go: places to the middle of their range.
-    """
-    pairs = zip(model.parameters, model.theta(), strict=True)
-    return model.with_prior([p.held(float(x)) for p, x in pairs if p.name not in known])
-
-
-def _nearest_size(predicted: PredictedGain, recordings: Sequence[Recording]) -> ParametricModel:
-    """The model on the way to the predicted one, of the size that comes nearest to the shapes.
-
-    What the DLO hits has a place instead, to which no derivative leads.
-
-    Raises:
-        SimulationError: none can be simulated.
-    """
-    begin, end = predicted.begin.theta(), predicted.model.theta()
-    found: list[tuple[float, ParametricModel]] = []
-
-    def tried(theta: FloatArray) -> float:
-        model = predicted.begin.at(theta)
-        try:
-            err = simulate(model, recordings, ()).mean_err
-        except SimulationError as reason:
-            LOG.info("%s: %s", predicted.proposal.label, reason)
-            return float(np.finfo(float).max)
-        found.append((err, model))
-        return err
-
-    for share in SHARES:
-        tried(begin + share * (end - begin))
-    if not found:
-        raise SimulationError("no beginning can be simulated")
-    here = min(found, key=lambda row: row[0])[1]
-    size = _size(predicted.proposal)
-    if size is not None:
-        k, most = here.index(size.name), float(np.log(SIZES))
-        value = size.outer(here.theta()[k])
-
-        def resized(factor: float) -> float:
-            theta = here.theta()
-            theta[k] = size.inner(value * float(np.exp(factor)))
-            return tried(theta)
-
-        minimize_scalar(
-            resized, bounds=(-most, most), method="bounded", options={"maxiter": SIZE_TRIALS}
-        )
-    elif not effects()[predicted.proposal.effect].differentiable:
-        parameters = predicted.proposal.parameters
-        places = [here.index(p.name) for p in parameters]
-        corners = np.vstack([np.zeros(len(places)), np.diag([p.step for p in parameters])])
-
-        def placed(moves: FloatArray) -> float:
-            theta = here.theta()
-            theta[places] += moves
-            return tried(theta)
-
-        minimize(
-            placed, corners[0], method="Nelder-Mead",
-            options={"maxfev": PLACE_TRIALS, "initial_simplex": corners},
-        )  # fmt: skip
-    return min(found, key=lambda row: row[0])[1]
-
-
-def _size(proposal: Proposal) -> Parameter | None:
-    """The size of an effect that begins at a finite value; None where it has no size, as a peg."""
-    start = proposal.start
-    if start is None or start.neutral or not start.screened:
-        return None
-    key = start.screened[0]
-    if quantities(start.effect)[key].geometric:
-        return None
-    return next((p for p in proposal.parameters if p.key == key), None)
+    return sorted(trials, key=order)
 
 
 def gains(trial: Trial, at: Evaluation) -> bool:
     """Whether a trial is worth its cause, over a model without it."""
-    return trial[0].posterior.evidence >= at.posterior.evidence + WORTH
+    return _gain(trial, at) >= WORTH
 
 
 def best_gain(

@@ -23,6 +23,7 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     fitted,
 )
 from dlo_ros.diagnosis.explain.certainty import far_off, tolerances_off
+from dlo_ros.diagnosis.explain.instead_of_plain import instead_of_plain, taken_for_plain
 from dlo_ros.diagnosis.explain.measurement_error import own_err
 from dlo_ros.diagnosis.explain.offered_effects import Offer, offered, ranked_proposals
 from dlo_ros.diagnosis.proposals.linear_evidence import (
@@ -110,7 +111,8 @@ def search(
         least = np.inf
         if causes and not _matters(at, recordings, enough):
             least = (1.0 - LOWERS) * nearest_err(at, recordings)
-        found, steps = best_trial(number, at, offers, recordings, least)
+        instead = instead_of_plain(at, recordings, [b for b in begun if b.effect not in known])
+        found, steps = best_trial(number, at, offers, recordings, least, instead)
         if first is not None:
             found = best_gain([first, *([found] if found else [])], at, recordings)
             outcome = "added" if found is first else "fitted, but another gains more"
@@ -270,7 +272,7 @@ def without(
     """
     if cause.start is None and not wholly:
         return fitted(at.model.with_prior([p.returned(SLAB) for p in cause.parameters]), recordings)
-    begins = [_neutral(at.model, cause)]
+    begins = [_neutral(taken_for_plain(at.model, cause), cause)]
     if cause.from_nothing:
         begins.append(_neutral(_beside_neutral(at, at.model, cause), cause))
     begun: list[Evaluation] = []

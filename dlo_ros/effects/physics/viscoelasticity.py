@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
-from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
+from dlo_ros.effects.base import Body, Effect, PlainRod, Scene, Start, quantity
 
 TIMES = (0.03, 0.3, 3.0)  # [s] from which one is looked for
+TAKEN_SHARE = 0.6  # share of the stiffness with which it takes over what damping stood for
 LARGEST_SHARE = 0.9  # share that may relax: something must hold the DLO up
 
 
@@ -46,3 +47,19 @@ class Viscoelasticity(Effect):
             Start(cls.name, {"share": 0.0, "time": time}, ("share",), ("share", "time"))
             for time in TIMES
         ]
+
+    @classmethod
+    def instead_of(cls, fitted: PlainRod, guessed: PlainRod) -> tuple[Self, PlainRod] | None:
+        """The creep whose slow motion is that of a softer rod that is damped more than guessed."""
+        slow = fitted.relaxation_time - guessed.relaxation_time
+        if slow <= 0.0:
+            return None
+        left = 1.0 - TAKEN_SHARE
+        stiffer = PlainRod(fitted.young_modulus / left, guessed.relaxation_time)
+        return cls(TAKEN_SHARE, slow * left / TAKEN_SHARE), stiffer
+
+    def taken_for(self, beside: PlainRod) -> PlainRod:
+        """See the class: the limit of a short time."""
+        left = 1.0 - self.share
+        slow = self.share / left * self.time
+        return PlainRod(left * beside.young_modulus, beside.relaxation_time + slow)

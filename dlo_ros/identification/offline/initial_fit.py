@@ -335,6 +335,7 @@ def drafts(recordings: Sequence[Recording], at: Simulated) -> tuple[Recording, .
                 continue
             off = draft_at.predicted[0][..., :3] - fine[..., :3]
             if rms([recording.coefficients(off) / recording.noise]) < most:
+                draft, off = _longer_steps(draft, off, at.model, fine, DRAFT_SHARE * rms([r]))
                 # What it does wrong with this model, it does with others, nearly.
                 draft = draft.moved(off)
                 break
@@ -342,6 +343,29 @@ def drafts(recordings: Sequence[Recording], at: Simulated) -> tuple[Recording, .
             draft = recording
         result.append(_shortened(draft, r, len(recordings)))
     return tuple(result)
+
+
+def _longer_steps(
+    draft: Recording, off: FloatArray, model: ParametricModel, fine: FloatArray, most: float
+) -> tuple[Recording, FloatArray]:
+    """A draft with the longest time steps where these do not matter, and what it does wrong.
+
+    Time steps damp in all pictures alike: no noise hides what they do wrong, but a model that
+    misses far more does.
+
+    Args:
+        off: what the draft does wrong [m], shape (F, n, 3).
+        fine: the control points of the fine simulation [m], shape (F, n, 3 or more).
+        most: root mean square error that is allowed, in units of the noise.
+    """
+    longer = replace(draft, tolerance=LONGEST)
+    try:
+        moved = simulate(model, [longer], ()).predicted[0][..., :3] - fine[..., :3]
+    except SimulationError:
+        return draft, off
+    if rms([draft.coefficients(moved - off) / draft.noise]) < most:
+        return longer, moved
+    return draft, off
 
 
 def _shortened(recording: Recording, left: FloatArray, recordings: int) -> Recording:
