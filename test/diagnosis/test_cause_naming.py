@@ -252,8 +252,15 @@ def test_a_set_up_is_strained_where_it_leaves_its_tolerance_without_a_cause():
     assert not strains(tilted(4.0), tilted(3.0))  # so it is with the cause
 
 
-@pytest.mark.parametrize(("gain", "rivals"), [(38.0, ["constant_force"]), (36.0, [])])
-def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch, gain, rivals):
+@pytest.mark.parametrize(
+    ("gains", "rivals"),
+    [
+        ((30.0, 38.0), ["constant_force"]),  # of 40; at first and in the end
+        ((30.0, 36.0), []),
+        ((28.0, 38.0), []),  # a fifth less than what it needs: it does not go on
+    ],
+)
+def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch, gains, rivals):
     force = Start("constant_force", {"x": 0.0}, ("x",), ("x",))
     other = Start("air_drag", {"coefficient": 0.0}, ("coefficient",), ("coefficient",))
     offers = [
@@ -262,14 +269,18 @@ def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch,
     ]
     effects = {"constant_force": {"x": 0.3}}
 
-    def fitted(model, _):
-        assert model == "constant_force"  # the other one promises far too little
+    def gaining(gain):
         found = evaluation(60.0 + gain, 1e-3)
         found.model = SimpleNamespace(settings=SimpleNamespace(effects=effects))
         return found
 
+    def fitted(model, *_, **__):
+        assert model == "constant_force"  # the other one promises far too little
+        return gaining(gains[0])
+
     monkeypatch.setattr(cause_naming, "ranked_proposals", lambda *_: offers)
     monkeypatch.setattr(cause_naming, "fitted", fitted)
+    monkeypatch.setattr(cause_naming, "fit", lambda *_: gaining(gains[1]))
     tilt = SimpleNamespace(effect="gravity_tilt")
     at, bare = evaluation(100.0, 1e-3), evaluation(60.0, 5e-3)
     found = cause_naming._rivals(at, bare, tilt, (), object())

@@ -9,7 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import fitted
+from dlo_ros.diagnosis.explain.candidate_trials import (
+    FIRST_ITERATIONS,
+    FIT_ITERATIONS,
+    fitted,
+)
 from dlo_ros.diagnosis.explain.cause_search import Search, linear_loss, takes_little, without
 from dlo_ros.diagnosis.explain.certainty import SCALES, beyond, certain, is_beyond, strains
 from dlo_ros.diagnosis.explain.contact_trials import Rivals
@@ -18,10 +22,11 @@ from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Start
 from dlo_ros.effects.start import Block
 from dlo_ros.inference.joint import Evaluation
-from dlo_ros.inference.joint_fit import approached
+from dlo_ros.inference.joint_fit import approached, fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.thresholds import (
+    CLEARLY_LESS,
     FAR,
     INDISPENSABLE,
     LOWERS,
@@ -232,7 +237,9 @@ def _rivals(
         if fits >= RIVAL_FITS:
             break
         fits += 1
-        there = fitted(predicted.model, recordings)
+        there = fitted(predicted.model, recordings, FIRST_ITERATIONS, draft=True)
+        if there and _loss_without(there, bare) >= CLEARLY_LESS * missing:  # it has only begun
+            there = fit(there, recordings, FIT_ITERATIONS)
         if there and _loss_without(there, bare) >= missing:
             values = there.model.settings.effects.get(effect, {})
             fitted_ = {split_name(p.name)[1] for p in predicted.proposal.parameters if p.effect}
