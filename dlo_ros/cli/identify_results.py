@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dlo_ros.cli.diagnosis_words import label, off_by
+from dlo_ros.cli.diagnosis_words import bare, clause, label, off_by
 from dlo_ros.cli.loads import borne
 from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.effects import quantities
@@ -94,6 +94,13 @@ def tree(
         name.removeprefix(EFFECTS_PREFIX): {"value": v, "std": std, "unit": _unit(name)}
         for name, (v, std) in found.fitted.set_up.items()
     }
+    result["alternatives"] = [
+        {
+            "effect": a.effect, "parameters": dict(a.values),
+            "specific_modulus": a.specific_modulus,
+        }
+        for a in found.fitted.alternatives
+    ]  # fmt: skip
     forces = found.forces
     if forces is not None:
         result["wrench"] = {
@@ -137,7 +144,7 @@ def summary(found: Identification) -> list[str]:
         shown = f"{number(value)} +- unknown {unit}" if std is None else measured(value, std, unit)
         known = ""
         if not found.estimate.identifiable[name]:
-            prior = found.estimate.settings.rod.density_std > 0.0
+            prior = std is not None and found.estimate.settings.rod.density_std > 0.0
             known = " (with density_std)" if prior else " (not determined by the recordings)"
         lines.append(f"{words}: {shown}{known}")
     for r in found.recordings:
@@ -147,7 +154,7 @@ def summary(found: Identification) -> list[str]:
             f"{r.name} ({ROLES[r.role]}): the simulation is {before} off with the guess, {after} "
             "with the estimate (mean distance, ERR)"
         )
-    return lines + force_sentences(found)
+    return lines + force_sentences(found) + alternative_sentences(found)
 
 
 def _headline(found: Identification) -> str:
@@ -193,10 +200,28 @@ def force_sentences(found: Identification) -> list[str]:
     return [] if forces is None else [force_words(forces.scale.relative, forces.messages)]
 
 
+def alternative_sentences(found: Identification) -> list[str]:
+    """Sentences on effects that the identified material rather stands for."""
+    result = []
+    for other in found.fitted.alternatives:
+        known = quantities(other.effect)
+        values = ", ".join(
+            f"{key} {bare(v, known[key].unit)}"
+            for key, v in other.values.items() if isinstance(v, float)
+        )  # fmt: skip
+        result.append(
+            f"More likely, {clause(other.effect)} ({values}), and E/mu is "
+            f"{number(other.specific_modulus)} m^2/s^2 beside that: the standard deviations allow "
+            "for it. `diagnose` tells what else the recordings show."
+        )
+    return result
+
+
 def remarks(found: Identification) -> list[str]:
     """Sentences on what the recordings determine and what they do not."""
     result = sentences(found.estimate, found.fitted.information)
     result += force_sentences(found)
+    result += alternative_sentences(found)
     result += _set_up(found)
     if not found.fitted.converged:
         result.append("The fit has not converged; the numbers are where it stopped.")

@@ -25,7 +25,7 @@ def identified(**stds):
     matrix = sum(np.outer(directions[k], directions[k]) / std**2 for k, std in stds.items())
     estimate = summarise(PAPER, logarithms(PAPER), matrix)
     fitted = SimpleNamespace(
-        information=matrix, set_up={}, converged=True, left_out=(), error=np.nan
+        information=matrix, set_up={}, converged=True, left_out=(), error=np.nan, alternatives=()
     )
     return Identification(estimate, (), fitted)
 

@@ -48,7 +48,7 @@ def without_simulations(monkeypatch, own_err):
     """A search in which nothing is simulated and every cause is needed, with an own ERR [m]."""
     monkeypatch.setattr(cause_search, "offered", lambda *_: object())
     monkeypatch.setattr(cause_search, "ranked_proposals", lambda *_: [])
-    monkeypatch.setattr(cause_search, "instead_of_plain", lambda *_: [])
+    monkeypatch.setattr(cause_search, "begun_instead", lambda *_: [])
     monkeypatch.setattr(cause_search, "linear_loss", lambda *_: 1e3)
     monkeypatch.setattr(cause_search, "own_err", lambda *_: own_err)
     monkeypatch.setattr(joint_fit, "approached", lambda at, *_: at)

@@ -35,6 +35,13 @@ def moving(name, effects, seed):
     return recording, guess.with_material(0.5 * truth.rod.young_modulus, guess.rod.density)
 
 
+def true_modulus(name):
+    """E / mu [m^2/s^2] of an experiment's DLO."""
+    return read_experiment(
+        yaml.safe_load(find_experiment(name).read_text()), name, "test"
+    ).truth.rod.specific_modulus
+
+
 def fitted_set_up():
     """A set-up fitted to a recording whose clamp is turned, and that recording."""
     recording, given = moving("simple", {"clamp_angle": {"start": 0.02}}, 12)

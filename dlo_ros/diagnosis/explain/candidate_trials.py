@@ -11,16 +11,20 @@ from typing import TypeVar
 import numpy as np
 
 from dlo_ros.diagnosis.explain.trial_beginnings import Beginning, beginning
-from dlo_ros.diagnosis.proposals.linear_evidence import PredictedGain, Proposal
-from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import (
-    Evaluation,
-    evaluate,
+from dlo_ros.diagnosis.proposals.linear_evidence import (
+    PredictedGain,
+    Proposal,
+    is_present,
+    proposal_of,
 )
+from dlo_ros.effects import Start
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference.joint import Evaluation, evaluate
 from dlo_ros.inference.joint_fit import fit, nearest_err
 from dlo_ros.inference.losses import WHITE
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.plain_rod import instead_of_plain
 from dlo_ros.inference.thresholds import (
     CLEARLY_LESS,
     MUCH_LARGER,
@@ -214,6 +218,24 @@ def _best_first(trials: Sequence[Trial], at: Evaluation) -> list[Trial]:
         return gain < least, trial[0].mean_err if gain >= least else -gain
 
     return sorted(trials, key=order)
+
+
+def begun_instead(
+    at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start]
+) -> list[Trial]:
+    """Fits of effects that the plain rod of a model may stand for, begun in its place.
+
+    Args:
+        begun: effects that might be added.
+    """
+    found: list[Trial] = []
+    absent = [s for s in begun if not is_present(at.model, s)]
+    for start, model in instead_of_plain(at.model, absent):
+        trial = fitted(model, recordings, FIRST_ITERATIONS, draft=True)
+        if trial is not None:
+            found.append((trial, proposal_of(at.model.settings, start)))
+            LOG.info("%s, instead of a plain DLO: %+.1f", start.effect, _gain(found[-1], at))
+    return found
 
 
 def gains(trial: Trial, at: Evaluation) -> bool:

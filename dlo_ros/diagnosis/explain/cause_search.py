@@ -18,12 +18,12 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     FIT_ITERATIONS,
     Step,
     Trial,
+    begun_instead,
     best_gain,
     best_trial,
     fitted,
 )
 from dlo_ros.diagnosis.explain.certainty import far_off, tolerances_off
-from dlo_ros.diagnosis.explain.instead_of_plain import instead_of_plain, taken_for_plain
 from dlo_ros.diagnosis.explain.measurement_error import own_err
 from dlo_ros.diagnosis.explain.offered_effects import Offer, offered, ranked_proposals
 from dlo_ros.diagnosis.proposals.linear_evidence import (
@@ -43,6 +43,7 @@ from dlo_ros.inference.joint_fit import fit, nearest_err
 from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import SLAB, ParametricModel
+from dlo_ros.inference.plain_rod import taken_for_plain
 from dlo_ros.inference.thresholds import INDISPENSABLE, LOWERS, OWN, WORTH
 from dlo_ros.inference.variances import posterior
 
@@ -111,7 +112,7 @@ def search(
         least = np.inf
         if causes and not _matters(at, recordings, enough):
             least = (1.0 - LOWERS) * nearest_err(at, recordings)
-        instead = instead_of_plain(at, recordings, [b for b in begun if b.effect not in known])
+        instead = begun_instead(at, recordings, [b for b in begun if b.effect not in known])
         found, steps = best_trial(number, at, offers, recordings, least, instead)
         if first is not None:
             found = best_gain([first, *([found] if found else [])], at, recordings)
@@ -272,7 +273,8 @@ def without(
     """
     if cause.start is None and not wholly:
         return fitted(at.model.with_prior([p.returned(SLAB) for p in cause.parameters]), recordings)
-    begins = [_neutral(taken_for_plain(at.model, cause), cause)]
+    plain = at.model if cause.start is None else taken_for_plain(at.model, cause.effect)
+    begins = [_neutral(plain, cause)]
     if cause.from_nothing:
         begins.append(_neutral(_beside_neutral(at, at.model, cause), cause))
     begun: list[Evaluation] = []

@@ -20,6 +20,7 @@ from scipy.special import expit
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import logarithms
 from dlo_ros.identification.information import determined_directions, model_shift, widened
+from dlo_ros.identification.offline.alternatives import Alternative, alternatives
 from dlo_ros.identification.offline.initial_fit import Beginning, drafts, finer
 from dlo_ros.identification.offline.without_own_error import without_own_error
 from dlo_ros.inference.joint import Evaluation, evaluate, restricted
@@ -55,6 +56,7 @@ class MaterialFit:
         error: the simulation's own error while the fit was looked for, mean distance [m]; NaN where
             it was not judged.
         left_out: number of pictures of each recording that are grossly wrong and left out.
+        alternatives: effects that this material rather stands for; the information allows for them.
     """
 
     at: Evaluation
@@ -63,6 +65,7 @@ class MaterialFit:
     set_up: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     error: float = np.nan
     left_out: tuple[int, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
 
     @property
     def settings(self) -> Settings:
@@ -92,17 +95,18 @@ def weighed(begun: Beginning, given: Settings) -> MaterialFit:
         rough = drafts(recordings, exact)
         start = _open(exact, rough, given)
         if start is None or restricted(start, start.model.names).evidence < _stated(start) - NAMED:
-            return _reported(begun, exact, recordings)
+            return _reported(begun, exact, recordings, alternatives(exact, recordings))
         at = best_settled(start, rough)
+        others = alternatives(at, rough)
         probability = float(expit(at.posterior.evidence - _stated(start)))
         at = evaluate(at.model, recordings, at.variances)
         if probability <= 0.5:
-            return _reported(begun, exact, recordings, at, probability)
+            return _reported(begun, exact, recordings, others, at, probability)
         sharper = finer(begun, at.model, {})
         if sharper is not None:
             recordings = sharper.recordings
             at = evaluate(at.model, recordings, at.variances)
-        return _reported(begun, at, recordings, exact, 1.0 - probability)
+        return _reported(begun, at, recordings, others, exact, 1.0 - probability)
     except SimulationError as err:
         LOG.warning("the set-up is taken as exact: with it open the simulation fails (%s)", err)
         return _reported(begun, exact, begun.recordings)
@@ -126,12 +130,13 @@ def _stated(start: Evaluation) -> float:
 
 def _reported(
     begun: Beginning, likelier: Evaluation, recordings: Sequence[Recording],
-    other: Evaluation | None = None, probability: float = 0.0,
+    others: Sequence[Alternative] = (), other: Evaluation | None = None, probability: float = 0.0,
 ) -> MaterialFit:  # fmt: skip
     """The likelier of two models, fitted to its end without its simulation's error, and the
     information of both.
 
     Args:
+        others: effects that the material rather stands for.
         probability: posterior probability of the other model.
     """
     at, compared = without_own_error(likelier, recordings)
@@ -141,13 +146,17 @@ def _reported(
         apart = logarithms(at.model.settings) - logarithms(other.model.settings)
         apart = np.where(np.isfinite(apart), apart, 0.0)
         information = mixed(information, _information(other), probability, apart)
+    for a in others:
+        information = widened(information, a.shift)
     spread = np.sqrt(np.diag(at.posterior.covariance))
     set_up = {
         p.name: (float(p.outer(float(x))), p.outer_std(float(x), float(std)))
         for p, x, std in zip(at.model.parameters, at.model.theta(), spread, strict=True)
         if p.effect
     }
-    return MaterialFit(at, tuple(compared), information, set_up, begun.error, begun.left_out)
+    return MaterialFit(
+        at, tuple(compared), information, set_up, begun.error, begun.left_out, tuple(others)
+    )
 
 
 def _information(at: Evaluation) -> FloatArray:

@@ -1,0 +1,82 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Effects that an identified plain DLO may stand for, with another Young's modulus.
+
+`identify` looks for no causes. But where a DLO creeps, the E that it finds is that of slow motion,
+several times too small at a small standard deviation, beside a damping that nobody has guessed. So
+the effect is fitted in place of that damping; where the recordings prefer it, what it would change
+is not known. Where they do not, the plain DLO stays: a creep that is over at once is a damping.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_ros.effects import starts
+from dlo_ros.effects.start import Block
+from dlo_ros.errors import SimulationError
+from dlo_ros.identification.estimate import logarithms
+from dlo_ros.inference.joint import Evaluation, evaluate
+from dlo_ros.inference.joint_fit import fit
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.plain_rod import instead_of_plain
+from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.inference.thresholds import WORTH
+from dlo_ros.spline import FloatArray
+
+LOG = logging.getLogger(__name__)
+
+ITERATIONS = (4, 8)
+"""Iterations of a fit, and of one that has not gained anything by then."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """An effect with which another material explains the recordings better.
+
+    Args:
+        effect: name of the effect.
+        values: its values by key.
+        specific_modulus: E / mu beside it [m^2/s^2].
+        shift: change of ln (E, mu, c, t_r), shape (4,).
+    """
+
+    effect: str
+    values: Block
+    specific_modulus: float
+    shift: FloatArray
+
+
+def alternatives(at: Evaluation, recordings: Sequence[Recording]) -> tuple[Alternative, ...]:
+    """Effects that the material of a fit rather stands for.
+
+    Args:
+        at: the fit of the plain DLO with its set-up.
+    """
+    settings = at.model.settings
+    names = imposed_names([r.manipulation for r in recordings])
+    view = scene(settings, names, [r.observed for r in recordings])
+    absent = [s for s in starts(view) if s.effect not in settings.effects]
+    found = []
+    for start, model in instead_of_plain(at.model, absent):
+        enough = at.posterior.evidence + WORTH
+        try:
+            other = evaluate(model, recordings)
+            for iterations in ITERATIONS:
+                if other.posterior.evidence < enough:
+                    other = fit(other, recordings, iterations, draft=True)
+        except SimulationError as err:
+            LOG.info("%s: %s", start.effect, err)
+            continue
+        gain = other.posterior.evidence - at.posterior.evidence
+        LOG.info("%s, instead of a plain DLO: %+.1f", start.effect, gain)
+        if other.posterior.evidence < enough:
+            continue
+        there = other.model.settings
+        shift = np.nan_to_num(logarithms(there) - logarithms(settings), posinf=0.0, neginf=0.0)
+        values = there.effects[start.effect]
+        found.append(Alternative(start.effect, values, there.rod.specific_modulus, shift))
+    return tuple(found)

@@ -1,0 +1,62 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The plain rod of a model, and the effects that it may stand for.
+
+A DLO that creeps is fitted by a much softer one that is damped strongly: a minimum of its own, from
+which no derivative leads to the creep. Where the one is the other in the limit of slow motion, both
+lie near one another, and a fit goes on from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dlo_ros.effects import Effect, PlainRod, Start, effects
+from dlo_ros.inference.parameter import Parameter, ParametricModel, value_of
+from dlo_ros.inference.priors import cause_priors
+
+
+def instead_of_plain(
+    model: ParametricModel, begun: Sequence[Start]
+) -> list[tuple[Start, ParametricModel]]:
+    """Models with an effect each that the plain rod of a model may stand for, in its place.
+
+    Args:
+        begun: effects that might be added; one start of each is enough.
+    """
+    found = []
+    guessed = model.centred([p.name for p in model.parameters if not p.effect])
+    for start in {s.effect: s for s in begun}.values():
+        instead = effects()[start.effect].instead_of(_plain(model), _plain(guessed))
+        if instead is None:
+            continue
+        effect, rod = instead
+        parameters, _ = cause_priors(model.settings, start)
+        if _looked_for(effect, parameters):
+            begins = _with_plain(model, rod)
+            found.append((start, begins.extended(effect.name, dict(vars(effect)), parameters)))
+    return found
+
+
+def taken_for_plain(model: ParametricModel, name: str) -> ParametricModel:
+    """The model with the plain rod that may stand for that with an effect, the effect left in."""
+    effect = effects()[name](**model.settings.effects[name])
+    return _with_plain(model, effect.taken_for(_plain(model)))
+
+
+def _looked_for(effect: Effect, parameters: Sequence[Parameter]) -> bool:
+    """Whether the values of an effect lie within the ranges in which it is looked for."""
+    return all(p.lower <= getattr(effect, p.key) <= p.upper for p in parameters)
+
+
+def _plain(model: ParametricModel) -> PlainRod:
+    """The plain rod of a model."""
+    return PlainRod(*(value_of(model.settings, name) for name in PlainRod._fields))
+
+
+def _with_plain(model: ParametricModel, rod: PlainRod) -> ParametricModel:
+    """The model with another plain rod, as far as its numbers are parameters."""
+    theta = model.theta()
+    for k, p in enumerate(model.parameters):
+        if p.name in rod._fields:
+            theta[k] = p.inner(getattr(rod, p.name))
+    return model.at(theta)

@@ -1,0 +1,44 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A DLO that creeps, and one that is damped more than guessed, in `identify`."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from experiment_recordings import moving, true_modulus
+
+from dlo_ros.cli.identify_results import remarks, summary, tree
+from dlo_ros.identification.offline.recording_identification import identify
+
+CREEP = {"share": 0.7, "time": 0.3}
+
+
+def test_a_creep_that_looks_like_damping_is_told_and_its_modulus_lies_within_the_std():
+    recording, given = moving("simple", {"viscoelasticity": CREEP}, 12)
+    found = identify([recording], given)
+    estimate, modulus = found.estimate, true_modulus("simple")
+    assert estimate.specific_modulus < 0.4 * modulus  # that of slow motion
+    (other,) = found.fitted.alternatives
+    assert other.effect == "viscoelasticity"
+    assert other.specific_modulus == pytest.approx(modulus, rel=0.1)
+    std = estimate.specific_modulus_std
+    relative = np.inf if std is None else std / estimate.specific_modulus
+    assert relative > np.log(modulus / estimate.specific_modulus) / 2.0
+    assert not estimate.identifiable["specific_modulus"]
+    assert "(not determined by the recordings)" in summary(found)[2]
+    for lines in (summary(found), remarks(found)):
+        assert any("part of the DLO's stiffness gives way with time (share" in s for s in lines)
+    assert tree(found)["alternatives"][0]["effect"] == "viscoelasticity"
+
+
+def test_a_damping_that_is_larger_than_guessed_is_no_creep():
+    recording, given = moving("simple", {"internal_damping": {"relaxation_time": 0.05}}, 12)
+    found = identify([recording], replace(given, rod=replace(given.rod, density_std=1.0)))
+    assert found.fitted.alternatives == ()
+    assert tree(found)["alternatives"] == []
+    damped = found.estimate.settings.damping.relaxation_time
+    assert damped == pytest.approx(given.damping.relaxation_time + 0.05, rel=0.05)
+    estimate = found.estimate
+    off = estimate.specific_modulus - true_modulus("simple")
+    assert estimate.specific_modulus_std < 0.1 * estimate.specific_modulus
+    assert abs(off) < 3.0 * estimate.specific_modulus_std
