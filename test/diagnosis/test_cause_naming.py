@@ -85,6 +85,29 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     assert told.stiffness_doubt == pytest.approx(0.0 if named else np.log(2.0))
 
 
+@pytest.mark.parametrize(("alone", "named"), [(5e-3, ["hysteresis"]), (1.1e-3, [])])
+def test_of_two_that_do_each_other_s_work_one_is_named(monkeypatch, alone, named):
+    """A friction and a creep: without either the rest comes within the measurement's error."""
+    friction = Start("hysteresis", {"moment": 0.1}, ("moment",), ("moment",))
+    creep = Start("viscoelasticity", {"share": 0.0}, ("share",), ("share",))
+    causes = tuple(proposal_of(PAPER, s) for s in (creep, friction))
+    values = {"hysteresis": {"moment": 0.2}, "viscoelasticity": {"share": 0.3}}
+    at = evaluation(0.0, 0.9e-3)
+    bare = {"hysteresis": evaluation(-900.0, 1.1e-3), "viscoelasticity": evaluation(-90.0, 1.0e-3)}
+    for fit in (at, *bare.values()):
+        fit.model = SimpleNamespace(settings=PAPER.with_effects(values))
+    setup = evaluation(-5000.0, alone)
+    monkeypatch.setattr(cause_naming, "certain", lambda *_: True)
+    monkeypatch.setattr(cause_naming, "beyond", lambda *_: [])
+    monkeypatch.setattr(cause_naming, "strains", lambda *_: False)
+    monkeypatch.setattr(cause_naming, "without", lambda _, group, *__, wholly: bare[group.effect])
+    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
+    found = SimpleNamespace(at=at, causes=causes, offer=SERVING)
+    told, _ = cause_naming.named(found, setup, {}, (), [friction, creep], 0.9e-3, 0.05e-3)
+    assert [c.effect for c in told] == named
+    assert not named or told[0].rivals == {"viscoelasticity": {"share": 0.3}}
+
+
 @pytest.mark.parametrize(("near", "named"), [(0.82e-3, False), (1.9e-3, True)])
 def test_a_fit_without_a_cause_that_has_only_drifted_does_not_tell_of_it(monkeypatch, near, named):
     """Without a hundredth of the mass at its tip, a fit lay twice as far from the shapes as that

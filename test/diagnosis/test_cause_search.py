@@ -8,6 +8,7 @@ import pytest
 from experiment_recordings import fitted_set_up
 
 from dlo_ros.diagnosis.explain import (
+    candidate_trials,
     cause_search,
     joint_explanation,
 )
@@ -50,7 +51,8 @@ def without_simulations(monkeypatch, own_err):
     monkeypatch.setattr(cause_search, "ranked_proposals", lambda *_: [])
     monkeypatch.setattr(cause_search, "begun_instead", lambda *_: [])
     monkeypatch.setattr(cause_search, "linear_loss", lambda *_: 1e3)
-    monkeypatch.setattr(cause_search, "own_err", lambda *_: own_err)
+    for module in (cause_search, candidate_trials):
+        monkeypatch.setattr(module, "own_err", lambda *_: own_err)
     monkeypatch.setattr(joint_fit, "approached", lambda at, *_: at)
     monkeypatch.setattr(cause_search, "_strained", lambda *_: [])
     monkeypatch.setattr(cause_search, "_offers_beside", lambda *_: [])

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from dlo_ros.diagnosis.explain.measurement_error import own_err
 from dlo_ros.diagnosis.explain.trial_beginnings import Beginning, beginning
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     PredictedGain,
@@ -28,6 +29,7 @@ from dlo_ros.inference.plain_rod import instead_of_plain
 from dlo_ros.inference.thresholds import (
     CLEARLY_LESS,
     MUCH_LARGER,
+    OWN,
     PROMISING,
     SAME_GAIN,
     WORTH,
@@ -253,8 +255,12 @@ def best_gain(
 
 
 def comes_nearer(found: Evaluation, at: Evaluation, recordings: Sequence[Recording]) -> bool:
-    """Whether a fit lies nearer to the shapes than another one, or can come nearer."""
-    if found.mean_err <= at.mean_err:
+    """Whether a fit lies nearer to the shapes than another one, or can come nearer.
+
+    One that leaves nothing but the measurement's own error may lie farther from the shapes: errors
+    of a camera that stay are no part of what a model is to explain.
+    """
+    if found.mean_err <= at.mean_err or found.mean_err <= OWN * own_err(found, recordings):
         return True
     return nearest_err(found, recordings) <= nearest_err(at, recordings)
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -150,6 +151,10 @@ def named(
     model can come with it and without it. What comes so near takes part of the measurement's own
     error away, too: that error is then no more than what is left with the cause.
 
+    Of effects that do each other's work, each may be left out, and yet one of them acts where the
+    set-up alone explains less: the one without which most is lost is named, with the others as its
+    rivals.
+
     Args:
         own: ERR of the measurement alone [m].
         setup: the set-up without causes, fitted: a fit without one of them that explains less has
@@ -158,7 +163,8 @@ def named(
     """
     at, offer = found.at, found.offer
     result, shifts = [], {}
-    here: Evaluation | None = None
+    shared: list[tuple[float, Proposal]] = []
+    judge = _Judge(at, recordings, own, least, exact)
     for group in (*found.causes, *beyond(at)):
         if not certain(at, group, SCALES):
             continue
@@ -173,22 +179,59 @@ def named(
             astray = not exact and _loss_without(setup, bare) > 0.0
             bare = setup if astray else bare
             shifts[group.effect] = _log_ratio(bare) - _log_ratio(at)
-        here = here or approached(at, recordings)
-        there = approached(bare, recordings)
-        LOG.info("without %s: %.3f mm", group.label, 1e3 * there.mean_err)
-        nearer = here.mean_err <= (1.0 - LOWERS) * there.mean_err
-        if not nearer or not _needed(at, bare, group, begun):
+        if not _needed(at, bare, group, begun):
             continue
-        if not exact and (group.start is not None or not is_beyond(at, group)):
-            explained = there.mean_err < OWN * min(own, here.mean_err)
-            little = explained or _taken_away(here, there, group) < least
-            if little and not strains(bare, at):
-                continue
-        offer = offered(at, recordings, begun, offer)
-        rivals = _rivals(at, bare, group, recordings, offer)
-        names_ = tuple(p.name for p in group.parameters)
-        result.append(Cause(group.effect, names_, rivals, _loss_without(at, bare), bare.mean_err))
+        if judge.matters(group, bare):
+            offer = offered(at, recordings, begun, offer)
+            result.append(_cause(group, _rivals(at, bare, group, recordings, offer), at, bare))
+        elif group.start is not None:
+            shared.append((_loss_without(at, bare), group))
+    # Of all that do each other's work, one acts for certain where the set-up does not do it.
+    if len(shared) > 1 and len(shared) == sum(c.start is not None for c in found.causes):
+        _, first = max(shared, key=lambda row: row[0])
+        if judge.matters(first, setup):
+            effects = at.model.settings.effects
+            others = {c.effect: effects[c.effect] for _, c in shared if c.effect != first.effect}
+            result.append(_cause(first, others, at, setup))
     return _merged(result), shifts
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """Whether what a cause explains matters; see `named`."""
+
+    at: Evaluation
+    recordings: Sequence[Recording]
+    own: float
+    least: float
+    exact: bool
+
+    @cached_property
+    def near(self) -> Evaluation:
+        """The model with all causes, nearer to the shapes."""
+        return approached(self.at, self.recordings)
+
+    def matters(self, group: Proposal, bare: Evaluation) -> bool:
+        """Whether what a fit without a cause misses matters.
+
+        Args:
+            bare: the fit.
+        """
+        here, there = self.near, approached(bare, self.recordings)
+        LOG.info("without %s: %.3f mm", group.label, 1e3 * there.mean_err)
+        if here.mean_err > (1.0 - LOWERS) * there.mean_err:
+            return False
+        if self.exact or (group.start is None and is_beyond(self.at, group)):
+            return True
+        explained = there.mean_err < OWN * min(self.own, here.mean_err)
+        little = explained or _taken_away(here, there, group) < self.least
+        return not little or strains(bare, self.at)
+
+
+def _cause(group: Proposal, rivals: Rivals, at: Evaluation, bare: Evaluation) -> Cause:
+    """A group as a cause."""
+    names = tuple(p.name for p in group.parameters)
+    return Cause(group.effect, names, rivals, _loss_without(at, bare), bare.mean_err)
 
 
 def _taken_away(at: Evaluation, bare: Evaluation, group: Proposal) -> float:
