@@ -148,8 +148,8 @@ def _chosen(
 ) -> tuple[list[Beginning], list[tuple[Beginning, str]]]:
     """Proposals that are fitted, and why the others are not; see `best_trial`."""
     nearest = sorted(checked, key=lambda c: c.err)
-    enough = [c for c in nearest if c.vital or any(o.err <= least for o in nearest)]
-    enough = _various(enough, lambda c: _kind(c.predicted))
+    near = any(c.err <= least for c in checked)
+    enough = _various([c for c in nearest if near or c.vital], lambda c: _kind(c.predicted))
     # A few steps tell little of what must leave the set-up's wrong valley first: one trial is that
     # of the largest predicted gain, of another effect.
     kinds = {_kind(c.predicted) for c in enough[: TRIALS - 1]}
