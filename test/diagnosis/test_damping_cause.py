@@ -47,7 +47,7 @@ def test_damping_far_off_the_file_is_a_cause():
     begun = begin([recording], given)
     prepared = training_set(begun, 1, begun.at.model.settings, given)
     assert prepared is not None
-    found = explain(prepared.prepared, given)
+    found = explain(prepared.prepared, given).with_names()
     assert "internal_damping" in {c.effect for c in found.causes}
     number = effect_numbers("internal_damping", found.at, given)["relaxation_time"]
     assert number.unit == "s" and isinstance(number.std, float)

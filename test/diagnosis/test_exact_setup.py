@@ -61,7 +61,7 @@ def test_an_opened_set_up_has_its_tolerances_again(turned):
 @pytest.mark.slow
 def test_what_is_alone_off_is_named_although_it_is_within_its_tolerance(turned):
     """A set-up within tolerance explains it as well, by many numbers."""
-    found = explain(*turned)
+    found = explain(*turned).with_names()
     assert found.setup.mean_err < found.material_err
     assert found.exact
     assert [c.effect for c in found.causes] == ["clamp_angle"]
@@ -70,7 +70,7 @@ def test_what_is_alone_off_is_named_although_it_is_within_its_tolerance(turned):
 
 
 def test_nothing_is_named_where_nothing_is_off():
-    found = explain(*prepared({}, 32))
+    found = explain(*prepared({}, 32)).with_names()
     assert found.causes == ()
 
 
@@ -81,7 +81,7 @@ def test_a_set_up_that_is_off_in_many_ways_is_not_exact():
         "clamp_angle": {"start": 0.03}, "command_delay": {"delay": 0.015},
         "intrinsic_curvature": {"curvature": 0.4}, "length_error": {"difference": 2e-3},
     }  # fmt: skip
-    found = explain(*prepared(off, 33))
+    found = explain(*prepared(off, 33)).with_names()
     assert not found.exact
 
 

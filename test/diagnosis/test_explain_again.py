@@ -33,13 +33,13 @@ def evaluation(evidence, err):
 
 @pytest.fixture(scope="module")
 def turned():
-    return explain(*prepared(TURN, 51))
+    return explain(*prepared(TURN, 51)).with_names()
 
 
 @pytest.mark.slow
 def test_known_causes_that_explain_other_recordings_are_not_sought_again(turned, monkeypatch):
     monkeypatch.setattr(joint_explanation, "search", lambda *_, **__: pytest.fail("searched"))
-    again = explain_again(*prepared(TURN, 52), turned)
+    again = explain_again(*prepared(TURN, 52), turned).with_names()
     assert [c.effect for c in again.causes] == [c.effect for c in turned.causes] == ["clamp_angle"]
     assert again.at.mean_err < 1.3 * turned.at.mean_err
     assert again.at.err[0] is not turned.at.err[0]

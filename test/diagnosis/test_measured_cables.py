@@ -24,7 +24,7 @@ def explained(folder):
     begun = begin(sweeps, given)
     prepared = training_set(begun, len(sweeps), begun.at.model.settings, given)
     assert prepared is not None
-    return explain(prepared.prepared, given), given
+    return explain(prepared.prepared, given).with_names(), given
 
 
 def test_the_weight_on_a_cable_is_named(shared_data):

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
@@ -60,6 +60,10 @@ from dlo_ros.spline import FloatArray
 LOG = logging.getLogger(__name__)
 
 
+Naming = Callable[[], tuple[tuple[Cause, ...], Mapping[str, float]]]
+"""Gives the causes, and the change of ln(E / mu) without each, by the effect's name."""
+
+
 @dataclass(frozen=True)
 class Explanation:
     """The recordings explained by the joint model.
@@ -77,6 +81,8 @@ class Explanation:
             its guess, by the effect's name.
         exact: whether the set-up is as precise as the data tell, see `exact_setup`.
         contact: what may have been hit; None: nothing.
+        naming: function that gives the causes and the changes of ln(E / mu) without them, where
+            they are not known yet: see `with_names`.
     """
 
     setup: Evaluation
@@ -90,6 +96,18 @@ class Explanation:
     stiffness_shifts: Mapping[str, float] = field(default_factory=dict)
     exact: bool = False
     contact: Contact | None = None
+    naming: Naming | None = None
+
+    def with_names(self) -> Explanation:
+        """The explanation with its causes, which take many fits to be certain of.
+
+        An explanation that is only the way to another one needs none.
+        """
+        if self.naming is None:
+            return self
+        causes, shifts = self.naming()
+        shifts = {**self.stiffness_shifts, **shifts}
+        return replace(self, causes=causes, stiffness_shifts=shifts, naming=None)
 
     @property
     def stiffness_doubt(self) -> float:
@@ -197,7 +215,7 @@ def _concluded(
     prepared: Prepared, given: Settings, found: Search, setup: Evaluation, contact: Contact | None,
     *, exact: bool,
 ) -> Explanation:  # fmt: skip
-    """What a search has found, without what is not needed, and with the names of its causes."""
+    """What a search has found, without what is not needed; its causes are named later."""
     recordings, begun = prepared.recordings, starts(prepared.scene)
     judged, near = found.at, _near_shapes(found.at, recordings, given)
     complete = _is_complete(near, recordings, given)
@@ -212,16 +230,19 @@ def _concluded(
     own = own_err(near, recordings)
     material = material_err(own, given)
     least = _nameable_err(found, setup, prepared, own)
-    causes, shifts = named(found, setup, bares, recordings, begun, own, least, exact=exact)
-    if contact is not None:
-        causes = tuple(_beside(c, contact) for c in causes)
-    if near.mean_err >= material:
-        causes = _no_stand_ins(causes, replace(found, at=near), prepared)
+
+    def naming() -> tuple[tuple[Cause, ...], Mapping[str, float]]:
+        causes, shifts = named(found, setup, bares, recordings, begun, own, least, exact=exact)
+        if contact is not None:
+            causes = tuple(_beside(c, contact) for c in causes)
+        if near.mean_err >= material:
+            causes = _no_stand_ins(causes, replace(found, at=near), prepared)
+        return causes, shifts
+
     # A result that is the set-up alone stays the set-up.
-    setup = near if setup is found.at else setup
     return Explanation(
-        setup, near, causes, own, material, least, found.causes, found.trace,
-        pruned | shifts, exact, contact,
+        near if setup is found.at else setup, near, (), own, material, least, found.causes,
+        found.trace, pruned, exact, contact, naming,
     )  # fmt: skip
 
 

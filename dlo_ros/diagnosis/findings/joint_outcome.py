@@ -173,7 +173,7 @@ def _final(
     Raises:
         SimulationError: a recording cannot be simulated with either.
     """
-    found = learned.explanation
+    found = learned.explanation.with_names()
     at, compared = _completed(found.at, recordings, known), recordings
     if len(at.err) == len(recordings):
         at, compared = without_own_error(at, recordings)
