@@ -92,7 +92,7 @@ def fit(
 def approached(
     start: Evaluation, recordings: Sequence[Recording], steps: int = STEPS
 ) -> Evaluation:
-    """Nearer to the shapes by steps whose derivatives are only corrected, never computed anew.
+    """The nearest to the shapes on a way whose derivatives are only corrected, never computed anew.
 
     All that is left counts as white noise. A step costs one simulation without derivatives.
 
@@ -100,12 +100,14 @@ def approached(
         start: the model with approximate derivatives.
     """
     at, way = start, _Way(MARQUARDT_DAMPING, LONGEST_STEP)
+    nearest = start
     for _ in range(steps):
         found = _improved(at, recordings, way, WHITE, TRIES, np.inf)
         if found.at is None:
             break
         at, way = _corrected(at, found.at), found.way
-    return at
+        nearest = min(nearest, at, key=lambda e: e.mean_err)
+    return nearest
 
 
 def nearest_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
@@ -114,7 +116,7 @@ def nearest_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
     Fits hold slow errors for correlated noise, and may lie far from the shapes, with the right
     causes, too: of two models, the better one is that which can come nearer.
     """
-    return min(at.mean_err, approached(at, recordings).mean_err)
+    return approached(at, recordings).mean_err
 
 
 def _differentiated(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dlo_ros.diagnosis.explain.peg_size import PEG, peg_factors
 from dlo_ros.diagnosis.findings.wall_direction import WALL, wall_factors
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, borrowed
@@ -51,8 +52,9 @@ def confirmed(at: Evaluation, recordings: Sequence[Recording], names: Iterable[s
     ratio = at.model.axis("young_modulus") - at.model.axis("density")
     known = [n for n in names if n in at.model.names]
     factors = {n: factor_along(at, recordings, at.model.axis(n)) for n in known}
-    walls = wall_factors(at, recordings) if set(WALL) & set(known) else {}
-    factors |= {n: max(factor, factors.get(n, 1.0)) for n, factor in walls.items()}
+    for hit, factors_of in ((WALL, wall_factors), (PEG, peg_factors)):
+        wider = factors_of(at, recordings) if set(hit) & set(known) else {}
+        factors |= {n: max(factor, factors.get(n, 1.0)) for n, factor in wider.items()}
     return Widening(factors, factor_along(at, recordings, ratio))
 
 
