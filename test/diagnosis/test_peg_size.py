@@ -11,7 +11,7 @@ from dlo_ros.diagnosis.explain import peg_size
 from dlo_ros.diagnosis.explain.peg_size import PEG, RADIUS, best_sized, peg_factors, resized
 from dlo_ros.diagnosis.findings import confirmed_uncertainty
 from dlo_ros.effects.start import Start
-from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.parameter import HELD, ParametricModel
 from dlo_ros.inference.priors import cause_priors
 
 HIT = np.array([0.2, -0.1])  # x, z [m], in the middle of a straight, hanging DLO
@@ -53,22 +53,18 @@ def test_a_peg_of_another_size_touches_the_same_point_and_keeps_its_size(size, e
 
 
 @pytest.mark.parametrize(
-    ("gains", "free", "expected"),
+    ("gains", "expected"),
     [
-        ({0.25: 40.0, 0.5: 30.0, 2.0: -90.0}, 38.0, 0.25),
-        ({0.25: -90.0, 0.5: 30.0, 2.0: None}, 31.0, 0.5),
-        ({0.25: -90.0, 0.5: -30.0, 2.0: -5.0}, 0.0, 1.0),
-        ({0.25: 3.0, 0.5: 4.0, 2.0: -5.0}, 2.0, 1.0),  # it gains for what is held alone
-        ({0.25: 30.0, 0.5: 4.0, 2.0: -5.0}, None, 1.0),
+        ({1.0: 0.0, 0.25: 40.0, 0.5: 30.0, 2.0: -90.0}, 0.25),
+        ({1.0: 0.0, 0.25: -90.0, 0.5: 30.0, 2.0: None}, 0.5),
+        ({1.0: 0.0, 0.25: -90.0, 0.5: -30.0, 2.0: -5.0}, 1.0),
     ],
 )
-def test_the_size_that_explains_most_is_taken(monkeypatch, gains, free, expected):
-    at = hit()
+def test_the_size_that_explains_most_is_taken_and_held(monkeypatch, gains, expected):
+    at = hit(evidence=500.0)  # that of derivatives by the size
 
     def fitted(model, _):
-        size = round(radius(model) / BIG, 6)
-        held = model.parameters[model.index(RADIUS)] != at.model.parameters[at.model.index(RADIUS)]
-        gain = gains[size] if held else free
+        gain = gains[round(radius(model) / BIG, 6)]
         if gain is None:
             return None
         return SimpleNamespace(model=model, posterior=SimpleNamespace(evidence=gain))
@@ -76,8 +72,10 @@ def test_the_size_that_explains_most_is_taken(monkeypatch, gains, free, expected
     monkeypatch.setattr(peg_size, "fitted", fitted)
     found = best_sized(at, ())
     assert radius(found.model) == pytest.approx(expected * BIG)
-    assert found.model.parameters == at.model.parameters
-    assert (found is at) == (expected == 1.0)
+    again = resized(SimpleNamespace(model=found.model, predicted=at.predicted), 1.0)
+    assert again.parameters[again.index(RADIUS)].std == HELD
+    monkeypatch.setattr(peg_size, "fitted", lambda *_: None)
+    assert best_sized(at, ()) is at
 
 
 def test_a_model_without_a_peg_stays_as_it_is():
@@ -89,10 +87,11 @@ def test_a_model_without_a_peg_stays_as_it_is():
 @pytest.mark.parametrize(
     ("losses", "std"),
     [
-        ({0.25: -2.0, 4.0: 90.0}, np.log(4.0)),  # one side is enough
-        ({0.25: 2.0, 4.0: None}, np.log(4.0) / 2.0),
+        ({0.25: -2.0, 4.0: 90.0, 0.5: 90.0, 2.0: 90.0}, np.log(4.0)),  # one side is enough
+        ({0.25: 2.0, 4.0: None, 0.5: 0.0, 2.0: 90.0}, np.log(4.0) / 2.0),
+        ({0.25: -90.0, 4.0: 70.0, 0.5: -500.0, 2.0: -40.0}, np.log(2.0)),  # all explain more
         ({0.25: 90.0, 4.0: 90.0, 0.5: 90.0, 2.0: 2.0}, np.log(2.0) / 2.0),
-        ({0.25: 90.0, 4.0: 90.0, 0.5: 50.0, 2.0: 20.0}, 0.01),
+        ({0.25: 90.0, 4.0: 90.0, 0.5: 50.0, 2.0: 8.0}, np.log(2.0) / 4.0),
     ],
 )
 def test_a_size_is_known_no_better_than_pegs_differ_that_explain_as_much(monkeypatch, losses, std):
@@ -105,9 +104,9 @@ def test_a_size_is_known_no_better_than_pegs_differ_that_explain_as_much(monkeyp
     monkeypatch.setattr(peg_size, "fitted", fitted)
     monkeypatch.setattr(peg_size, "misfit", lambda e, _: getattr(e, "loss", 0.0))
     factors = peg_factors(at, [None])
-    assert factors.get(RADIUS, 1.0) * 0.01 == pytest.approx(std)
+    assert factors[RADIUS] * 0.01 == pytest.approx(std)
     # Its place changes with it, towards the DLO and away from it.
-    assert factors == {} or factors["effects.obstacle.x"] > factors["effects.obstacle.z"]
+    assert factors["effects.obstacle.x"] > factors["effects.obstacle.z"]
     assert peg_factors(at, [None, None]) == {}  # not a fit to these recordings
 
 

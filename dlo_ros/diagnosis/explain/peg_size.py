@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,15 +19,15 @@ from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.parameter import ParametricModel, value_of
+from dlo_ros.inference.parameter import HELD, ParametricModel, value_of
 from dlo_ros.inference.thresholds import WORTH
 from dlo_ros.spline import FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
 
 PEG = X, Z, RADIUS = tuple(Obstacle.parameter(key) for key in ("x", "z", "radius"))
-SIZES = (0.25, 0.5, 2.0)
-"""Sizes that are fitted instead, over that of a fit: the largest peg that explains the data comes
+SIZES = (1.0, 0.25, 0.5, 2.0)
+"""Sizes that are compared, over that of a fit: the largest peg that explains the data comes
 nearest to what is known before the impact, so that fits tend to be too large."""
 SCALES = (4.0, 2.0)
 """Factors by which a size is changed either way, to see how well it is known."""
@@ -37,45 +38,42 @@ PLACES = 50
 
 
 def best_sized(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
-    """A fit with the size of its peg that explains most; the fit itself where there is no peg.
+    """A fit with the size of its peg that explains most, which is held.
+
+    With a size that is open evidence is that of derivatives of an impact, and means little.
 
     Args:
-        at: a fit to the recordings.
+        at: a fit to the recordings; it stays as it is where there is no peg.
     """
     if not set(PEG) <= set(at.model.names):
         return at
     tried = [fitted(resized(at, size), recordings) for size in SIZES]
-    best = max([at, *(e for e in tried if e)], key=lambda e: e.posterior.evidence)
-    if best is at:
-        return at
-    found = fitted(best.model.with_prior(at.model.parameters), recordings)
-    if found is None or found.posterior.evidence < at.posterior.evidence + WORTH:
-        return at
-    LOG.info("the peg is %.3g times as large", _radius(found.model) / _radius(at.model))
-    return found
+    best = max((e for e in tried if e), key=lambda e: e.posterior.evidence, default=at)
+    LOG.info("the peg is %.3g times as large", _radius(best.model) / _radius(at.model))
+    return best
 
 
 def peg_factors(at: Evaluation, recordings: Sequence[Recording]) -> dict[str, float]:
     """Factors, at least 1, by which the std of a peg's numbers must grow; none without a peg.
 
-    A peg that explains the data as well with another size is known no better than that, its place
-    neither.
+    A peg is known as far as others explain less that touch the same point, its place no better.
 
     Args:
         at: a fit; where it is not one to these recordings, nothing is told.
     """
     if not set(PEG) <= set(at.model.names) or len(at.err) != len(recordings):
         return {}
+    models = {size: resized(at, size) for scale in SCALES for size in (1.0 / scale, scale)}
+    losses = {size: _loss(at, model, recordings) for size, model in models.items()}
+    least = min(0.0, *losses.values())  # a fit beside an impact may not be the best
     for scale in SCALES:
-        models = [resized(at, size) for size in (1.0 / scale, scale)]
-        losses = [_loss(at, model, recordings) for model in models]
-        loss = min(losses)
+        size = min((1.0 / scale, scale), key=lambda size: losses[size])
+        loss = losses[size] - least
         if loss < WORTH:
-            moves = np.abs(models[losses.index(loss)].theta() - at.model.theta())
-            std = np.sqrt(np.diag(at.posterior.covariance))
-            far = moves / np.sqrt(2.0 * max(loss, LEAST_LOSS)) / std
-            return {name: max(1.0, float(far[at.model.index(name)])) for name in PEG}
-    return {}
+            break
+    moves = np.abs(models[size].theta() - at.model.theta())
+    far = moves / np.sqrt(2.0 * max(loss, LEAST_LOSS)) / np.sqrt(np.diag(at.posterior.covariance))
+    return {name: max(1.0, float(far[at.model.index(name)])) for name in PEG}
 
 
 def _loss(at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]) -> float:
@@ -101,7 +99,8 @@ def resized(at: Evaluation, size: float) -> ParametricModel:
     there = centre + (radius - model.parameters[k].outer(theta[k])) * outwards
     for name, value in zip((X, Z), there, strict=True):
         theta[model.index(name)] = value
-    return model.at(theta).with_prior([model.parameters[k].held(float(theta[k]))])
+    held = replace(model.parameters[k], centre=float(theta[k]), std=HELD)
+    return model.at(theta).with_prior([held])
 
 
 def _curves(at: Evaluation) -> FloatArray:

@@ -29,8 +29,7 @@ from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
-ITERATIONS = (4, 8)
-"""Iterations of a fit, and of one that has not gained anything by then."""
+ITERATIONS = 12
 
 
 @dataclass(frozen=True)
@@ -62,18 +61,14 @@ def alternatives(at: Evaluation, recordings: Sequence[Recording]) -> tuple[Alter
     absent = [s for s in starts(view) if s.effect not in settings.effects]
     found = []
     for start, model in instead_of_plain(at.model, absent):
-        enough = at.posterior.evidence + WORTH
         try:
-            other = evaluate(model, recordings)
-            for iterations in ITERATIONS:
-                if other.posterior.evidence < enough:
-                    other = fit(other, recordings, iterations, draft=True)
+            other = fit(evaluate(model, recordings), recordings, ITERATIONS, draft=True)
         except SimulationError as err:
             LOG.info("%s: %s", start.effect, err)
             continue
         gain = other.posterior.evidence - at.posterior.evidence
         LOG.info("%s, instead of a plain DLO: %+.1f", start.effect, gain)
-        if other.posterior.evidence < enough:
+        if gain < WORTH:
             continue
         there = other.model.settings
         shift = np.nan_to_num(logarithms(there) - logarithms(settings), posinf=0.0, neginf=0.0)
