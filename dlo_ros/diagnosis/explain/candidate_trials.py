@@ -246,12 +246,21 @@ def gains(trial: Trial, at: Evaluation) -> bool:
 
 
 def best_gain(
-    trials: Sequence[Trial], at: Evaluation, recordings: Sequence[Recording]
-) -> Trial | None:
-    """The trial that explains most, nearer to the shapes than a model; None where none gains."""
+    trials: Sequence[Trial], at: Evaluation, recordings: Sequence[Recording],
+    alike: float = 1.0,
+) -> Trial | None:  # fmt: skip
+    """The trial that explains most, nearer to the shapes than a model; None where none gains.
+
+    Args:
+        alike: share of the largest gain, from which the nearest to the shapes is taken instead.
+    """
     worth = [trial for trial in trials if gains(trial, at)]
-    worth.sort(key=lambda trial: -trial[0].posterior.evidence)
-    return next((trial for trial in worth if comes_nearer(trial[0], at, recordings)), None)
+    enough = alike * max((_gain(trial, at) for trial in worth), default=0.0)
+    close = [trial for trial in worth if _gain(trial, at) >= enough]
+    close.sort(key=lambda trial: (trial[0].mean_err, -_gain(trial, at)))
+    rest = [trial for trial in worth if _gain(trial, at) < enough]
+    rest.sort(key=lambda trial: -_gain(trial, at))
+    return next((t for t in (*close, *rest) if comes_nearer(t[0], at, recordings)), None)
 
 
 def comes_nearer(found: Evaluation, at: Evaluation, recordings: Sequence[Recording]) -> bool:

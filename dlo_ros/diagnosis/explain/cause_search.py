@@ -44,7 +44,7 @@ from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import SLAB, ParametricModel
 from dlo_ros.inference.plain_rod import taken_for_plain
-from dlo_ros.inference.thresholds import INDISPENSABLE, LOWERS, OWN, WORTH
+from dlo_ros.inference.thresholds import CLEARLY_LESS, INDISPENSABLE, LOWERS, OWN, WORTH
 from dlo_ros.inference.variances import posterior
 
 LOG = logging.getLogger(__name__)
@@ -115,7 +115,9 @@ def search(
         instead = begun_instead(at, recordings, [b for b in begun if b.effect not in known])
         found, steps = best_trial(number, at, offers, recordings, least, instead)
         if first is not None:
-            found = best_gain([first, *([found] if found else [])], at, recordings)
+            # While other causes are missing, evidence tells them no better apart than that.
+            others = [found] if found else []
+            found = best_gain([first, *others], at, recordings, CLEARLY_LESS)
             outcome = "added" if found is first else "fitted, but another gains more"
             steps.append(_compared(number, first, at, outcome))
             first = None
