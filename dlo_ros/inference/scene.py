@@ -10,6 +10,7 @@ import numpy as np
 from dlo_ros.command import CONTROL_POINT, END, START
 from dlo_ros.effects import Scene
 from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.thresholds import TRACKER_ERROR
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
@@ -43,6 +44,12 @@ def _imposed(names: Sequence[str], n: int, points: Sequence[int]) -> tuple[str, 
         end for end, *own in ends
         if end in names or any(f"{CONTROL_POINT}{own[k]}" in names for k in points)
     )  # fmt: skip
+
+
+def scene_of(settings: Settings, recordings: Sequence[Recording]) -> Scene:
+    """Look at recordings as they were observed."""
+    names = imposed_names(r.manipulation for r in recordings)
+    return scene(settings, names, [r.observed for r in recordings])
 
 
 def scene(settings: Settings, names: Sequence[str], predicted: Sequence[FloatArray]) -> Scene:

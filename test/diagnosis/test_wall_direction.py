@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from rods import PAPER
 
-from dlo_ros.diagnosis.findings import confirmed_uncertainty, wall_direction
+from dlo_ros.diagnosis.explain import candidate_trials
+from dlo_ros.diagnosis.findings import confirmed_uncertainty
 from dlo_ros.diagnosis.findings.wall_direction import ANGLE, OFFSET, turned, wall_factors
 from dlo_ros.effects.start import Start
 from dlo_ros.inference.parameter import ParametricModel
@@ -65,8 +66,8 @@ def test_the_direction_is_known_no_better_than_walls_differ_that_explain_as_much
         turn = round(model.settings.effects["wall"]["angle"] - 0.2, 6)
         return None if losses[turn] is None else SimpleNamespace(loss=losses[turn])
 
-    monkeypatch.setattr(wall_direction, "fitted", fitted)
-    monkeypatch.setattr(wall_direction, "misfit", lambda e, _: getattr(e, "loss", 0.0))
+    monkeypatch.setattr(candidate_trials, "fitted", fitted)
+    monkeypatch.setattr(candidate_trials, "misfit", lambda e, _: getattr(e, "loss", 0.0))
     factors = wall_factors(at, [None])
     assert factors.get(ANGLE, 1.0) * STD == pytest.approx(std)
     assert factors.get(OFFSET) == factors.get(ANGLE)

@@ -22,7 +22,7 @@ from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, evaluate
 from dlo_ros.inference.joint_fit import fit, nearest_err
-from dlo_ros.inference.losses import WHITE
+from dlo_ros.inference.losses import WHITE, misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.plain_rod import instead_of_plain
@@ -211,13 +211,19 @@ def _various(rows: Sequence[Row], kind: Callable[[Row], str]) -> list[Row]:
     return [*first.values(), *(row for row in rows if row is not first[kind(row)])]
 
 
-def _best_first(trials: Sequence[Trial], at: Evaluation) -> list[Trial]:
-    """Trials by their log evidence; of those that gain alike, the nearest to the shapes first."""
-    least = (1.0 - SAME_GAIN) * max((_gain(trial, at) for trial in trials), default=0.0)
+def _best_first(
+    trials: Sequence[Trial], at: Evaluation, alike: float = 1.0 - SAME_GAIN
+) -> list[Trial]:
+    """Trials by their log evidence; of those that gain alike, the nearest to the shapes first.
 
-    def order(trial: Trial) -> tuple[bool, float]:
+    Args:
+        alike: share of the largest gain, from which trials gain alike.
+    """
+    least = alike * max((_gain(trial, at) for trial in trials), default=0.0)
+
+    def order(trial: Trial) -> tuple[bool, float, float]:
         gain = _gain(trial, at)
-        return gain < least, trial[0].mean_err if gain >= least else -gain
+        return gain < least, trial[0].mean_err if gain >= least else 0.0, -gain
 
     return sorted(trials, key=order)
 
@@ -252,15 +258,18 @@ def best_gain(
     """The trial that explains most, nearer to the shapes than a model; None where none gains.
 
     Args:
-        alike: share of the largest gain, from which the nearest to the shapes is taken instead.
+        alike: see `_best_first`.
     """
-    worth = [trial for trial in trials if gains(trial, at)]
-    enough = alike * max((_gain(trial, at) for trial in worth), default=0.0)
-    close = [trial for trial in worth if _gain(trial, at) >= enough]
-    close.sort(key=lambda trial: (trial[0].mean_err, -_gain(trial, at)))
-    rest = [trial for trial in worth if _gain(trial, at) < enough]
-    rest.sort(key=lambda trial: -_gain(trial, at))
-    return next((t for t in (*close, *rest) if comes_nearer(t[0], at, recordings)), None)
+    worth = _best_first([trial for trial in trials if gains(trial, at)], at, alike)
+    return next((trial for trial in worth if comes_nearer(trial[0], at, recordings)), None)
+
+
+def refit_loss(
+    at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]
+) -> float:  # fmt: skip
+    """Loss of log posterior with another model, fitted anew; infinite where that is impossible."""
+    found = fitted(model, recordings)
+    return np.inf if found is None else misfit(found, at) - misfit(at, at)
 
 
 def comes_nearer(found: Evaluation, at: Evaluation, recordings: Sequence[Recording]) -> bool:

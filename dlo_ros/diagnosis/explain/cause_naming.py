@@ -186,7 +186,7 @@ def named(
             result.append(_cause(group, _rivals(at, bare, group, recordings, offer), at, bare))
         elif group.start is not None:
             shared.append((_loss_without(at, bare), group))
-    # Of all that do each other's work, one acts for certain where the set-up does not do it.
+    # Of effects that do each other's work, one acts for certain where the set-up does not do it.
     if len(shared) > 1 and len(shared) == sum(c.start is not None for c in found.causes):
         _, first = max(shared, key=lambda row: row[0])
         if judge.matters(first, setup):

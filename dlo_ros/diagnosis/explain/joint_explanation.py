@@ -42,7 +42,7 @@ from dlo_ros.inference.joint_fit import approached, best_settled, fit, nearest_e
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import believed, joint_model
-from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.inference.scene import scene_of
 from dlo_ros.inference.thresholds import (
     CLEARLY_LESS,
     FAR,
@@ -150,8 +150,7 @@ def prepare(recordings: Sequence[Recording], plain: Settings, given: Settings) -
     Raises:
         SimulationError: the joint model cannot be simulated.
     """
-    names = imposed_names(r.manipulation for r in recordings)
-    here = scene(plain, names, [r.observed for r in recordings])
+    here = scene_of(plain, recordings)
     model = believed(joint_model(plain, given, here))
     at = best_settled(evaluate(model, recordings), recordings)
     bare = simulate(ParametricModel(plain, ()), recordings, ())
@@ -216,7 +215,7 @@ def _concluded(
     prepared: Prepared, given: Settings, found: Search, setup: Evaluation, contact: Contact | None,
     *, exact: bool,
 ) -> Explanation:  # fmt: skip
-    """What a search has found, without what is not needed; its causes are named later."""
+    """The explanation that a search has found, without needless causes; these are named later."""
     recordings, begun = prepared.recordings, starts(prepared.scene)
     found = replace(found, at=best_sized(found.at, recordings))
     judged, near = found.at, _near_shapes(found.at, recordings, given)

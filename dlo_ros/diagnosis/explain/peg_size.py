@@ -14,10 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import fitted
+from dlo_ros.diagnosis.explain.candidate_trials import fitted, refit_loss
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.inference.joint import Evaluation
-from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import HELD, ParametricModel, value_of
 from dlo_ros.inference.thresholds import WORTH
@@ -64,7 +63,7 @@ def peg_factors(at: Evaluation, recordings: Sequence[Recording]) -> dict[str, fl
     if not set(PEG) <= set(at.model.names) or len(at.err) != len(recordings):
         return {}
     models = {size: resized(at, size) for scale in SCALES for size in (1.0 / scale, scale)}
-    losses = {size: _loss(at, model, recordings) for size, model in models.items()}
+    losses = {size: refit_loss(at, model, recordings) for size, model in models.items()}
     least = min(0.0, *losses.values())  # a fit beside an impact may not be the best
     for scale in SCALES:
         size = min((1.0 / scale, scale), key=lambda size: losses[size])
@@ -74,12 +73,6 @@ def peg_factors(at: Evaluation, recordings: Sequence[Recording]) -> dict[str, fl
     moves = np.abs(models[size].theta() - at.model.theta())
     far = moves / np.sqrt(2.0 * max(loss, LEAST_LOSS)) / np.sqrt(np.diag(at.posterior.covariance))
     return {name: max(1.0, float(far[at.model.index(name)])) for name in PEG}
-
-
-def _loss(at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]) -> float:
-    """Loss of log posterior with a model whose peg keeps its size, all else fitted anew."""
-    found = fitted(model, recordings)
-    return np.inf if found is None else misfit(found, at) - misfit(at, at)
 
 
 def resized(at: Evaluation, size: float) -> ParametricModel:

@@ -95,7 +95,7 @@ def _with_columns(at: Evaluation, predicted: PredictedGain) -> Evaluation:
     names, fields, model = at.model.names, at.fields, predicted.begin
     if predicted.columns and predicted.proposal.from_nothing:
         names, fields = (*names, *predicted.proposal.columns), joined(fields, predicted.columns)
-    # Of other parameters no derivative is known yet: a column of zeros stands behind the others.
+    # A column of zeros behind the others stands for derivatives that are not known yet.
     place = [names.index(n) if n in names else len(names) for n in model.names]
     known = tuple((r, np.pad(j, ((0, 0), (0, 1), (0, 0)))[:, place]) for r, j in fields)
     return compared(Simulated(model, known, at.err, at.predicted, at.motions), at.variances)

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.diagnosis.contact.wall_places import normal
-from dlo_ros.diagnosis.explain.candidate_trials import fitted
+from dlo_ros.diagnosis.explain.candidate_trials import refit_loss
+from dlo_ros.diagnosis.explain.peg_size import LEAST_LOSS
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.inference.joint import Evaluation
-from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import WORTH
@@ -23,8 +23,6 @@ from dlo_ros.inference.thresholds import WORTH
 WALL = OFFSET, ANGLE = tuple(f"effects.{StraightWall.name}.{key}" for key in ("offset", "angle"))
 TURNS = (0.3, 0.1)
 """Angles by which a wall is turned either way [rad]."""
-LEAST_LOSS = 0.5
-"""Log posterior that one std costs."""
 
 
 def wall_factors(at: Evaluation, recordings: Sequence[Recording]) -> dict[str, float]:
@@ -40,18 +38,12 @@ def wall_factors(at: Evaluation, recordings: Sequence[Recording]) -> dict[str, f
     angle = at.model.index(ANGLE)
     std = float(np.sqrt(at.posterior.covariance[angle, angle]))
     for turn in TURNS:
-        loss = min(_loss(at, recordings, side * turn) for side in (1.0, -1.0))
+        loss = min(refit_loss(at, turned(at, s * turn), recordings) for s in (1.0, -1.0))
         if loss < WORTH:
             factor = max(1.0, turn / float(np.sqrt(2.0 * max(loss, LEAST_LOSS))) / std)
             # Its place along the normal changes with it, and is known no better.
             return {OFFSET: factor, ANGLE: factor}
     return {}
-
-
-def _loss(at: Evaluation, recordings: Sequence[Recording], turn: float) -> float:
-    """Loss of log posterior where a wall is turned [rad] and all else is fitted anew."""
-    found = fitted(turned(at, turn), recordings)
-    return np.inf if found is None else misfit(found, at) - misfit(at, at)
 
 
 def turned(at: Evaluation, turn: float) -> ParametricModel:

@@ -18,7 +18,7 @@ from dlo_ros.identification.offline.initial_fit import TIME_FACTOR, apart, rms, 
 from dlo_ros.inference.joint import Simulated, simulate
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.inference.scene import scene_of
 from dlo_ros.inference.thresholds import IMMATERIAL, SMALL_SHARE
 from dlo_ros.parameters import Settings
 
@@ -43,8 +43,7 @@ def with_short_steps(recordings: Sequence[Recording], at: Simulated) -> tuple[Re
 
 def _models(recordings: Sequence[Recording], settings: Settings) -> list[ParametricModel]:
     """The plain model with each smooth effect that begins far from neutral."""
-    names = imposed_names([r.manipulation for r in recordings])
-    view = scene(settings, names, [r.observed for r in recordings])
+    view = scene_of(settings, recordings)
     given = {name: dict(block) for name, block in settings.effects.items()}
     return [
         ParametricModel(settings.with_effects(given | {s.effect: dict(s.block)}), ())

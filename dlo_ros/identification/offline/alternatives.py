@@ -23,7 +23,7 @@ from dlo_ros.inference.joint import Evaluation, evaluate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.plain_rod import instead_of_plain
-from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.inference.scene import scene_of
 from dlo_ros.inference.thresholds import WORTH
 from dlo_ros.spline import FloatArray
 
@@ -56,9 +56,7 @@ def alternatives(at: Evaluation, recordings: Sequence[Recording]) -> tuple[Alter
         at: the fit of the plain DLO with its set-up.
     """
     settings = at.model.settings
-    names = imposed_names([r.manipulation for r in recordings])
-    view = scene(settings, names, [r.observed for r in recordings])
-    absent = [s for s in starts(view) if s.effect not in settings.effects]
+    absent = [s for s in starts(scene_of(settings, recordings)) if s.effect not in settings.effects]
     found = []
     for start, model in instead_of_plain(at.model, absent):
         try:

@@ -358,6 +358,8 @@ def _longer_steps(
         fine: the control points of the fine simulation [m], shape (F, n, 3 or more).
         most: root mean square error that is allowed, in units of the noise.
     """
+    if draft.tolerance == LONGEST:
+        return draft, off
     longer = replace(draft, tolerance=LONGEST)
     try:
         moved = simulate(model, [longer], ()).predicted[0][..., :3] - fine[..., :3]

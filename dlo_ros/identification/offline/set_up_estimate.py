@@ -28,7 +28,7 @@ from dlo_ros.inference.joint_fit import ITERATIONS, best_settled, expected_gain,
 from dlo_ros.inference.losses import CORRELATED, TO_REPORT
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.priors import joint_model, with_tails
-from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.inference.scene import scene_of
 from dlo_ros.inference.thresholds import NAMED, TRACKER_ERROR
 from dlo_ros.inference.variances import posterior, widened_covariance
 from dlo_ros.parameters import Settings
@@ -114,8 +114,7 @@ def weighed(begun: Beginning, given: Settings) -> MaterialFit:
 
 def _open(exact: Evaluation, recordings: Sequence[Recording], given: Settings) -> Evaluation | None:
     """The set-up open at its stated values; None where no number of it has a tolerance."""
-    names = imposed_names([r.manipulation for r in recordings])
-    view = scene(exact.model.settings, names, [r.observed for r in recordings])
+    view = scene_of(exact.model.settings, recordings)
     model = with_tails(joint_model(exact.model.settings, given, view), given)
     if not any(p.effect for p in model.parameters):
         return None
