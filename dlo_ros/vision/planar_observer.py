@@ -72,6 +72,10 @@ from dlo_ros.vision.tracing.strip_change import check_strips
 LOG = logging.getLogger(__name__)
 
 TONES_EVERY = 5  # images without a DLO between two that are searched for ropes of several colours
+ALIKE = 0.12  # relative difference of a width from the expected one that is none
+NEAR = 0.75
+"""Distance [widths] of a free end from the end of the course along which it was found, up to which
+it is not looked for again. Chains of ridges end about half a width before the DLO."""
 MOST_PROLONGED = 3  # times that a free end is looked for beyond where it was found
 TRACKING_SEARCH = (2.0, 5.0)  # [widths] to each side, second attempt where the first fails
 MOST_COURSES = 8  # equally plausible ones that are measured
@@ -258,8 +262,11 @@ class Observer:
             several = len(paths) > 1 and paths[1].cost < near
             raise AmbiguousError(str(refused)) if several else refused
         courses = [result.pixels for _, _, result, _ in measured]
+        seen_parts = [result.pixels_seen for _, _, result, _ in measured]
         likelihoods = [evidence(fit, rod) for _, fit, _, _ in measured]
-        chosen = choose(courses, likelihoods, expected, width, rival, either_way=all(free))
+        chosen = choose(
+            courses, likelihoods, expected, width, rival, either_way=all(free), seen=seen_parts
+        )
         _, fit, result, self._last = measured[chosen]
         limits = LENGTH_LIMITS[2 - sum(free)]
         if len(paths) > 1 and chance_length(fit.seen_length, limits, rod.length, rod.length_std):
@@ -284,16 +291,18 @@ class Observer:
         result = self._measure(stamp, image, ends, points, width, rough, final=held)
         if held:
             return result
-        # A free end is looked for beyond the last chain; from a fitted curve that is surer.
+        # A free end is looked for beyond the last chain, and again from where it was found until
+        # that is near. A course of another width may be that of the DLO with its shadow.
+        sure = abs(result.width - width) < ALIKE * width
         for _ in range(MOST_PROLONGED):
-            first = self._last
+            known = self._from_start(result.pixels, ends, before)
+            moved = np.hypot(*(known[[0, -1]] - points[[0, -1]]).T)
+            if sure and np.max(moved) < NEAR * result.width:
+                break
+            first, sure, points = self._last, True, known
             assert first is not None
             rough = RoughDetection(first.colour, first.contrast, width, first.known_width, tones)
-            known = self._from_start(result.pixels, ends, before)
-            result = self._measure(stamp, image, ends, known, result.width, rough, final=False)
-            moved = np.hypot(*(result.pixels[[0, -1]] - known[[0, -1]]).T)
-            if np.max(moved) < 0.5 * result.width:
-                break
+            result = self._measure(stamp, image, ends, points, result.width, rough, final=False)
         assert self._found is not None
         check(*self._found, ends, self.camera, self.basis.length, self.settings.rod.diameter)
         _check_gaps(image, result)

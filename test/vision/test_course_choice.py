@@ -34,6 +34,24 @@ def test_courses_that_were_measured_alike_are_one():
     assert choose([shorter, LINE], [], WIDTH, either_way=False) == 0
 
 
+def test_courses_that_differ_where_nothing_was_seen_are_one():
+    hidden, whole = np.ones(len(LINE), bool), np.ones(len(LINE), bool)
+    hidden[38:162] = False
+    args = ([LINE, beside(15.0)], [0.0, 1.0], [], WIDTH)
+    assert course_choice.choose(*args, either_way=True, seen=[hidden, hidden]) == 1
+    with pytest.raises(AmbiguousError):
+        course_choice.choose(*args, either_way=True, seen=[hidden, whole])
+    # A longer way behind what hides it shifts u of all that was seen.
+    longer = ([LINE, beside(40.0, 90, 110)], [0.0, 1.0], [], WIDTH)
+    with pytest.raises(AmbiguousError):
+        course_choice.choose(*longer, either_way=True, seen=[hidden, hidden])
+    # The same pieces in another order are another course, wherever they were seen.
+    swapped = np.vstack([LINE[:61], LINE[140:60:-1], LINE[141:]])
+    with pytest.raises(AmbiguousError):
+        both = [np.ones(len(c), bool) for c in (LINE, swapped)]
+        course_choice.choose([LINE, swapped], [0.0, 1.0], [], WIDTH, either_way=False, seen=both)
+
+
 def test_a_strand_beside_is_a_second_course():
     with pytest.raises(AmbiguousError, match="equally plausible"):
         choose([LINE, beside(15.0)], [], WIDTH, either_way=True)

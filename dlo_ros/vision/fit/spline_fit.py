@@ -9,6 +9,7 @@ published control points are then a least-squares fit at known u.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,8 +20,9 @@ from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.spline_table import basis_functions
 from dlo_ros.vision.camera.pinhole import Camera
+from dlo_ros.vision.fit.hidden_gaps import even_parameters, hidden_gaps, trusted
 from dlo_ros.vision.fit.material_coordinates import GAP_STD, Ends, std_along
-from dlo_ros.vision.fit.smoothing_spline import SmoothCurve, Support, smooth
+from dlo_ros.vision.fit.smoothing_spline import Support, smooth
 from dlo_ros.vision.segmentation.edge_profile import SAMPLING_STD, Located
 from dlo_ros.vision.segmentation.medians import median
 from dlo_ros.vision.segmentation.picture_strip import Mask
@@ -103,7 +105,9 @@ def fit_spline(
     seen = located.seen & (index >= low) & (index <= high)
     if np.count_nonzero(seen) < 12:
         raise VisionError("hardly anything of the DLO is visible")
-    trust = located.trust
+    p, per_width = index[seen], located.width / located.spacing
+    gaps = hidden_gaps(np.flatnonzero(seen), located.trust, per_width)
+    trust = trusted(located.trust, gaps, per_width)
     used = (trust > 0.0) & (index >= low) & (index <= high)  # what was seen, and more
     pixels = located.points
     all_plane = camera.to_board(pixels[used])[:, [0, 2]]
@@ -114,13 +118,20 @@ def fit_spline(
         )
     scale = float(np.median(camera.metres_per_pixel(pixels[:: max(1, len(pixels) // 50)])))
     width = located.width * scale  # [m]
-    p = index[seen]
-    span = KNOT_SPAN * located.width / located.spacing
-    supports = _supports(start, end, low, high, p, plane, located, scale)
     keep = np.all(np.isfinite(all_plane), axis=1)
-    curve, _ = smooth(
-        index[used][keep], all_plane[keep], span, (low, high), supports, trust[used][keep]
+    at_profile = even_parameters(p, plane, gaps, per_width)
+    first, last = at_profile(np.array([low, high]))
+    fine, _ = smooth(
+        at_profile(index[used][keep]),
+        all_plane[keep],
+        KNOT_SPAN * per_width,
+        (first, last),
+        _supports(start, end, (first, last), located, scale),
+        trust[used][keep],
     )
+
+    def curve(profiles: FloatArray, derivative: int = 0) -> FloatArray:
+        return fine(at_profile(profiles), derivative)
 
     grid = np.linspace(low, high, max(200, 2 * count))
     dense = curve(grid)
@@ -219,10 +230,7 @@ def _normals(tangent: FloatArray) -> FloatArray:
 def _supports(
     start: ClampBoard | None,
     end: ClampBoard | None,
-    low: float,
-    high: float,
-    p: FloatArray,
-    plane: FloatArray,
+    domain: tuple[float, float],
     located: Located,
     scale: float,
 ) -> tuple[Support, ...]:
@@ -230,7 +238,7 @@ def _supports(
     result = []
     noise = 0.15  # [px] of one profile; only the ratio of the weights matters
     speed = located.spacing * scale  # [m] per profile
-    for clamp, at in ((start, low), (end, high)):
+    for clamp, at in zip((start, end), domain, strict=True):
         if clamp is None:
             continue
         value_weight = (noise / (CLAMP_STD * located.width)) ** 2
@@ -266,7 +274,7 @@ def _fit_across(
 def _points_with_std(
     p: FloatArray,
     u: FloatArray,
-    curve: SmoothCurve,
+    curve: Callable[..., FloatArray],
     across: FloatArray,
     located: Located,
     scale: float,

@@ -41,6 +41,7 @@ def choose(
     rival: float = -math.inf,
     *,
     either_way: bool,
+    seen: Sequence[Mask] | None = None,
 ) -> int:
     """Index of the course that is the DLO.
 
@@ -52,6 +53,9 @@ def choose(
         rival: log likelihood of the likeliest course that may be the DLO, too, but of which only a
             part was seen, up to the same constant.
         either_way: whether the same course backwards is the same course.
+        seen: whether the DLO was seen there, for each course, shapes (m,). Two courses that differ
+            only in how they bridge what neither shows are one, and the likelier bridge is taken.
+            None: it was seen everywhere.
 
     Raises:
         AmbiguousError: the rival is likelier than all courses, or several courses, of which the
@@ -65,6 +69,8 @@ def choose(
         if evidence[k] < evidence[order[0]] - DECISIVE:
             break
         others = [distance(courses[k], courses[j], either_way=either_way) for j in kept]
+        if seen is not None:
+            others += [bridged_apart(courses[k], seen[k], courses[j], seen[j]) for j in kept]
         if min(others, default=np.inf) > ONE_COURSE * width:
             kept.append(k)
     if len(kept) == 1:
@@ -99,6 +105,27 @@ def distance(one: FloatArray, other: FloatArray, *, either_way: bool) -> float:
     if either_way:
         distances.append(_apart(one, other[::-1]))
     return min(distances)
+
+
+def bridged_apart(one: FloatArray, one_seen: Mask, other: FloatArray, other_seen: Mask) -> float:
+    """Largest distance of two courses where either was seen, and at least that of their lengths.
+
+    Before a gap points of equal arc length from the start are compared, behind it from the end.
+
+    Args:
+        one, other: points along them, from the same end, shapes (m, 2).
+        one_seen, other_seen: whether the DLO was seen there, shapes (m,).
+    """
+    along = [_arc_length(p) for p in (one, other)]
+    result = abs(float(along[0][-1] - along[1][-1]))
+    pairs = ((one, one_seen, other), (other, other_seen, one))
+    for (p, seen, q), (s, t) in zip(pairs, (along, along[::-1]), strict=True):
+        apart = [
+            np.hypot(*(p - np.column_stack([np.interp(at, t, column) for column in q.T])).T)
+            for at in (s, t[-1] - (s[-1] - s))
+        ]
+        result = max(result, float(np.min(apart, axis=0)[seen].max(initial=0.0)))
+    return result
 
 
 def on_two_strands(
