@@ -73,9 +73,9 @@ LOG = logging.getLogger(__name__)
 
 TONES_EVERY = 5  # images without a DLO between two that are searched for ropes of several colours
 ALIKE = 0.12  # relative difference of a width from the expected one that is none
-NEAR = 0.75
-"""Distance [widths] of a free end from the end of the course along which it was found, up to which
-it is not looked for again. Chains of ridges end about half a width before the DLO."""
+NEAR_CHAIN, NEAR = 0.75, 0.5
+"""Distances [widths] of a free end from the end of a course of chains, and of a measured one, up to
+which it is not looked for again. Chains end about half a width before the DLO."""
 MOST_PROLONGED = 3  # times that a free end is looked for beyond where it was found
 TRACKING_SEARCH = (2.0, 5.0)  # [widths] to each side, second attempt where the first fails
 MOST_COURSES = 8  # equally plausible ones that are measured
@@ -103,6 +103,7 @@ class Observer:
         self._seen_last: tuple[LastShape, FloatArray | None] | None = None
         self._misses = 0
         self._found: tuple[SplineFit, Located] | None = None
+        self._settled = True
         self._hints = Hints(settings.vision)
 
     @property
@@ -292,14 +293,15 @@ class Observer:
         if held:
             return result
         # A free end is looked for beyond the last chain, and again from where it was found until
-        # that is near. A course of another width may be that of the DLO with its shadow.
-        sure = abs(result.width - width) < ALIKE * width
+        # that is near; at once where it is clear.
+        alike = abs(result.width - width) < ALIKE * width  # else it may be the DLO with its shadow
+        near = NEAR_CHAIN if alike and self._settled else 0.0
         for _ in range(MOST_PROLONGED):
             known = self._from_start(result.pixels, ends, before)
             moved = np.hypot(*(known[[0, -1]] - points[[0, -1]]).T)
-            if sure and np.max(moved) < NEAR * result.width:
+            if np.max(moved) < near * result.width:
                 break
-            first, sure, points = self._last, True, known
+            first, near, points = self._last, NEAR, known
             assert first is not None
             rough = RoughDetection(first.colour, first.contrast, width, first.known_width, tones)
             result = self._measure(stamp, image, ends, points, result.width, rough, final=False)
@@ -375,7 +377,7 @@ class Observer:
         free = (ends.start is None, ends.end is None)
         found = find_ends(image, located, self.camera, rod.length, rod.length_std, prolonged, free)
         fit = fit_spline(located, self.camera, self.basis, stamp, ends.start, ends.end, found)
-        self._found = fit, located
+        self._found, self._settled = (fit, located), found.settled
         if final:
             check(fit, located, ends, self.camera, rod.length, rod.diameter)
         if last is not None:

@@ -33,6 +33,7 @@ GAP_STD = 0.1  # relative error of the length of a bridge
 CONTINUED = ((1.5, 6.0), (0.4, 4.0))
 """Distances from a found end between which the part lies that predicts the course there [widths]:
 first where a hole beside the end cannot have moved it, then closer."""
+SETTLED = 0.3  # [widths] by which both may place an end apart that is clear
 MOST_BEYOND = 0.15  # of L that a hidden end may lie beyond the course
 NEGLIGIBLE = 40.0  # log odds: what is less likely by that is lost in the rounding of a sum
 
@@ -48,11 +49,14 @@ class Ends:
         covariance: covariance of both places, in arc length [m^2], shape (2, 2).
         visible: arc length between the outermost places that look like the DLO [m]; NaN where
             both ends are held.
+        settled: whether free ends lie where they do whichever part of the DLO predicts the course
+            there: beside a hole they may not, and a course along the DLO tells more than chains.
     """
 
     places: FloatArray
     covariance: FloatArray
     visible: float = np.nan
+    settled: bool = True
 
 
 def find_ends(
@@ -82,16 +86,18 @@ def find_ends(
     pixel = float(np.median(camera.metres_per_pixel(smooth[:: max(1, len(smooth) // 50)])))
     beyond = MOST_BEYOND * length / (pixel * located.spacing)
     tips: list[Tip | None] = [None, None]
-    course = smooth.copy()
+    course, settled = smooth.copy(), True
     for k in (0, 1):
         if not free[k]:
             continue
         start = k == 0
         place = free_end(located, prolonged, start)
         for window in CONTINUED:
+            before = place
             own = continued(located, smooth, place, window, from_start=start)
             tip = find_tip(image, located, own, place, beyond, from_start=start)
             place = float(np.clip(tip.innermost, 0.0, last))
+        settled &= abs(place - before) * located.spacing < SETTLED * located.width
         part = slice(None, round(place)) if start else slice(round(place), None)
         course[part] = own[part]
         tips[k] = tip
@@ -103,7 +109,7 @@ def find_ends(
     found = locate_ends(arc, (tips[0], tips[1]), length, length_std, located.width * pixel)
     outer = [k * last if tip is None else tip.visible for k, tip in enumerate(tips)]
     visible = _arc_at(arc, np.array(outer))
-    return replace(found, visible=float(visible[1] - visible[0]))
+    return replace(found, visible=float(visible[1] - visible[0]), settled=settled)
 
 
 def locate_ends(
