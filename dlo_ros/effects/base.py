@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cache
 from typing import Any, ClassVar, Literal, NamedTuple, Self
@@ -316,7 +316,9 @@ class Effect:
         return points
 
     @classmethod
-    def instead_of(cls, fitted: PlainRod, guessed: PlainRod) -> tuple[Self, PlainRod] | None:
+    def instead_of(
+        cls, fitted: PlainRod, guessed: PlainRod, begun: Sequence[Start]
+    ) -> tuple[Self, PlainRod] | None:
         """The effect that a fitted plain rod may stand for, and the plain rod beside that effect.
 
         A fit without the effect may lie in a minimum of its own, from where no derivative leads to
@@ -324,6 +326,7 @@ class Effect:
 
         Args:
             guessed: the plain rod of the parameter file.
+            begun: the effect's starts, whose sizes suit the recordings.
         """
         return None
 

@@ -57,10 +57,12 @@ class PlainRod(NamedTuple):
     Args:
         young_modulus: [Pa].
         relaxation_time: of Kelvin-Voigt damping [s].
+        second_moment: second moment of area of its section [m^4].
     """
 
     young_modulus: float
     relaxation_time: float
+    second_moment: float
 
 
 @dataclass(frozen=True)

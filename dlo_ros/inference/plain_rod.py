@@ -1,9 +1,10 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The plain rod of a model, and the effects that it may stand for.
 
-A DLO that creeps is fitted by a much softer one that is damped strongly: a minimum of its own, from
-which no derivative leads to the creep. Where the one is the other in the limit of slow motion, both
-lie near one another, and a fit goes on from there.
+A DLO that creeps is fitted by a much softer one that is damped strongly, one whose strands rub on
+one another by a stiffer one: minima of their own, from which no derivative leads to the creep or
+the friction. Where the one is the other in a limit, both lie near one another, and a fit goes on
+from there.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from collections.abc import Sequence
 from dlo_ros.effects import Effect, PlainRod, Start, effects
 from dlo_ros.inference.parameter import Parameter, ParametricModel, value_of
 from dlo_ros.inference.priors import cause_priors
+from dlo_ros.rod.sensitivity_parameters import MATERIAL
 
 
 def instead_of_plain(
@@ -21,12 +23,13 @@ def instead_of_plain(
     """Models with an effect each that the plain rod of a model may stand for, in its place.
 
     Args:
-        begun: effects that might be added; one start of each is enough.
+        begun: starts of effects that might be added.
     """
     found = []
     guessed = model.centred([p.name for p in model.parameters if not p.effect])
     for start in {s.effect: s for s in begun}.values():
-        instead = effects()[start.effect].instead_of(_plain(model), _plain(guessed))
+        own = [s for s in begun if s.effect == start.effect]
+        instead = effects()[start.effect].instead_of(_plain(model), _plain(guessed), own)
         if instead is None:
             continue
         effect, rod = instead
@@ -50,7 +53,9 @@ def _looked_for(effect: Effect, parameters: Sequence[Parameter]) -> bool:
 
 def _plain(model: ParametricModel) -> PlainRod:
     """The plain rod of a model."""
-    return PlainRod(*(value_of(model.settings, name) for name in PlainRod._fields))
+    names = (name for name in PlainRod._fields if name in MATERIAL)
+    values = {name: value_of(model.settings, name) for name in names}
+    return PlainRod(**values, second_moment=model.settings.rod.second_moment)
 
 
 def _with_plain(model: ParametricModel, rod: PlainRod) -> ParametricModel:

@@ -1,5 +1,6 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""A DLO that creeps, which a fit takes for a much softer one that is damped strongly."""
+"""What a fit takes for a plain DLO: a creep for a much softer one that is damped strongly, and a
+friction within the DLO for a stiffer one."""
 
 import numpy as np
 import pytest
@@ -12,11 +13,12 @@ from dlo_ros.effects import PlainRod, effects, starts
 from dlo_ros.identification.offline.initial_fit import begin
 
 CREEP = {"share": 0.7, "time": 0.3}
+FRICTION = {"moment": 0.001, "curvature": 3.0}
 
 
-def prepared(creep):
+def prepared(effect, block):
     """A recording of the discrete rod with the set-up fitted, and the true E / mu."""
-    recording, given = moving("simple", {"viscoelasticity": creep}, 12)
+    recording, given = moving("simple", {effect: block}, 12)
     begun = begin([recording], given)
     found = training_set(begun, 1, begun.at.model.settings, given).prepared
     return found, true_modulus("simple")
@@ -24,7 +26,13 @@ def prepared(creep):
 
 @pytest.fixture(scope="module")
 def creeping():
-    return prepared(CREEP)
+    return prepared("viscoelasticity", CREEP)
+
+
+def begun_for(effect, found):
+    """The fit that is begun with an effect instead of the plain rod; None: none is."""
+    trials = begun_instead(found.setup, found.recordings, starts(found.scene))
+    return next((t for t in trials if t[1].effect == effect), None)
 
 
 def test_creep_is_found_where_the_fit_had_taken_it_for_damping(creeping):
@@ -32,9 +40,7 @@ def test_creep_is_found_where_the_fit_had_taken_it_for_damping(creeping):
     soft = found.setup.model.settings
     assert soft.rod.specific_modulus < 0.4 * modulus
     assert soft.damping.relaxation_time > 0.1
-    trials = begun_instead(found.setup, found.recordings, starts(found.scene))
-    assert [proposal.effect for _, proposal in trials] == ["viscoelasticity"]
-    at, proposal = trials[0]
+    at, proposal = begun_for("viscoelasticity", found)
     assert at.posterior.evidence > found.setup.posterior.evidence + 100.0
     settings = at.model.settings
     creep = settings.effects["viscoelasticity"]
@@ -48,23 +54,38 @@ def test_creep_is_found_where_the_fit_had_taken_it_for_damping(creeping):
 
 def test_no_creep_is_fitted_where_the_model_has_one_or_the_damping_is_as_guessed(creeping):
     found, _ = creeping
-    begun = starts(found.scene)
+    begun = [s for s in starts(found.scene) if s.effect == "viscoelasticity"]
     ((at, _),) = begun_instead(found.setup, found.recordings, begun)
     assert begun_instead(at, found.recordings, begun) == []
-    others = [s for s in begun if s.effect != "viscoelasticity"]
-    assert begun_instead(found.setup, found.recordings, others) == []
-    elastic, _ = prepared({"share": 0.0, "time": 1.0})
-    assert begun_instead(elastic.setup, elastic.recordings, starts(elastic.scene)) == []
+    assert begun_instead(found.setup, found.recordings, []) == []
+    elastic, _ = prepared("viscoelasticity", {"share": 0.0, "time": 1.0})
+    assert begun_for("viscoelasticity", elastic) is None
+
+
+def test_friction_is_found_where_the_fit_had_taken_it_for_stiffness():
+    found, modulus = prepared("hysteresis", FRICTION)
+    assert found.setup.model.settings.rod.specific_modulus > 1.4 * modulus
+    at, _ = begun_for("hysteresis", found)
+    assert at.posterior.evidence > found.setup.posterior.evidence + 30.0
+    settings = at.model.settings
+    assert settings.rod.specific_modulus == pytest.approx(modulus, rel=0.1)
+    friction = settings.effects["hysteresis"]
+    assert friction["moment"] == pytest.approx(FRICTION["moment"], rel=0.5)
 
 
 @pytest.mark.parametrize("name", sorted(effects()))
-def test_what_stands_for_a_plain_rod_is_taken_for_it(name):
-    effect = effects()[name]
-    fitted, guessed = PlainRod(2e6, 0.4), PlainRod(9e6, 0.01)
-    instead = effect.instead_of(fitted, guessed)
+def test_what_stands_for_a_plain_rod_is_taken_for_it(name, creeping):
+    effect, scene = effects()[name], creeping[0].scene
+    fitted, guessed = PlainRod(2e6, 0.4, 2e-10), PlainRod(9e6, 0.01, 2e-10)
+    begun = [s for s in starts(scene) if s.effect == name]
+    instead = effect.instead_of(fitted, guessed, begun)
     if instead is None:
-        assert name != "viscoelasticity"
+        assert name not in ("viscoelasticity", "hysteresis")
         return
     other, beside = instead
     assert np.allclose(other.taken_for(beside), fitted)
-    assert effect.instead_of(guessed._replace(relaxation_time=1e-3), guessed) is None
+
+
+def test_a_damping_below_its_guess_stands_for_no_creep():
+    creep = effects()["viscoelasticity"]
+    assert creep.instead_of(PlainRod(9e6, 1e-3, 2e-10), PlainRod(9e6, 0.01, 2e-10), []) is None

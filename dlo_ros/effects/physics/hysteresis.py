@@ -3,13 +3,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
-from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
+import numpy as np
+
+from dlo_ros.effects.base import Body, Effect, PlainRod, Scene, Start, quantity
 
 MOMENTS = (0.01, 0.05)  # of weight per length L^2, from which one is looked for
 TURNS = (0.1, 0.4)  # likewise, of the curvatures that occur
+TAKEN_SHARE = 0.3  # of the stiffness of a DLO without friction, from where one is looked for in it
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,22 @@ class Hysteresis(Effect):
     def shape_body(self, body: Body) -> None:
         """See the base class."""
         body.inner_friction = (self.moment, self.curvature)
+
+    @classmethod
+    def instead_of(
+        cls, fitted: PlainRod, guessed: PlainRod, begun: Sequence[Start]
+    ) -> tuple[Self, PlainRod] | None:
+        """The friction with which a softer rod has small bends as stiff as those of the fitted."""
+        turns = np.array([s.block["curvature"] for s in begun], dtype=np.float64)
+        turn = float(np.exp(np.mean(np.log(turns))))
+        stiffness = TAKEN_SHARE * fitted.young_modulus * fitted.second_moment
+        softer = fitted._replace(young_modulus=(1.0 - TAKEN_SHARE) * fitted.young_modulus)
+        return cls(stiffness * turn, turn), softer
+
+    def taken_for(self, beside: PlainRod) -> PlainRod:
+        """See the class: the limit of small bends."""
+        more = self.moment / self.curvature / beside.second_moment
+        return beside._replace(young_modulus=beside.young_modulus + more)
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:

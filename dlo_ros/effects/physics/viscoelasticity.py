@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -49,17 +50,22 @@ class Viscoelasticity(Effect):
         ]
 
     @classmethod
-    def instead_of(cls, fitted: PlainRod, guessed: PlainRod) -> tuple[Self, PlainRod] | None:
+    def instead_of(
+        cls, fitted: PlainRod, guessed: PlainRod, begun: Sequence[Start]
+    ) -> tuple[Self, PlainRod] | None:
         """The creep whose slow motion is that of a softer rod that is damped more than guessed."""
         slow = fitted.relaxation_time - guessed.relaxation_time
         if slow <= 0.0:
             return None
         left = 1.0 - TAKEN_SHARE
-        stiffer = PlainRod(fitted.young_modulus / left, guessed.relaxation_time)
+        stiffer = guessed._replace(young_modulus=fitted.young_modulus / left)
         return cls(TAKEN_SHARE, slow * left / TAKEN_SHARE), stiffer
 
     def taken_for(self, beside: PlainRod) -> PlainRod:
         """See the class: the limit of a short time."""
         left = 1.0 - self.share
         slow = self.share / left * self.time
-        return PlainRod(left * beside.young_modulus, beside.relaxation_time + slow)
+        return beside._replace(
+            young_modulus=left * beside.young_modulus,
+            relaxation_time=beside.relaxation_time + slow,
+        )
