@@ -319,13 +319,11 @@ class Effect:
     def instead_of(
         cls, fitted: PlainRod, guessed: PlainRod, begun: Sequence[Start]
     ) -> tuple[Self, PlainRod] | None:
-        """The effect that a fitted plain rod may stand for, and the plain rod beside that effect.
-
-        A fit without the effect may lie in a minimum of its own, from where no derivative leads to
-        the effect. By default there is none.
+        """The effect for which a fitted plain rod may stand, where no derivative leads to it, and
+        the plain rod beside that effect; by default none.
 
         Args:
-            guessed: the plain rod of the parameter file.
+            guessed: that of the parameter file.
             begun: the effect's starts, whose sizes suit the recordings.
         """
         return None

@@ -43,6 +43,7 @@ from dlo_ros.vision.fit.planar_credibility import (
     IncompleteError,
     check,
     check_change,
+    check_gaps,
     unusable,
 )
 from dlo_ros.vision.fit.spline_fit import SplineFit, fit_spline
@@ -63,11 +64,9 @@ from dlo_ros.vision.tracing.course_choice import (
 from dlo_ros.vision.tracing.course_location import RoughDetection, locate_course
 from dlo_ros.vision.tracing.free_ends import prolong
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
-from dlo_ros.vision.tracing.occlusion_bridges import check_bridges
 from dlo_ros.vision.tracing.reachable_region import reach, spread
 from dlo_ros.vision.tracing.ridge_snapping import follow
 from dlo_ros.vision.tracing.ridge_tracing import find_chains
-from dlo_ros.vision.tracing.strip_change import check_strips
 
 LOG = logging.getLogger(__name__)
 
@@ -307,7 +306,7 @@ class Observer:
             result = self._measure(stamp, image, ends, points, result.width, rough, final=False)
         assert self._found is not None
         check(*self._found, ends, self.camera, self.basis.length, self.settings.rod.diameter)
-        _check_gaps(image, result)
+        check_gaps(image, result.pixels, result.pixels_seen, result.width, result.contrast)
         return result
 
     def _from_start(
@@ -385,7 +384,7 @@ class Observer:
         pixels = self._project(fit.curve)
         result = VisionResult.of(fit, located, pixels, tracked=last is not None)
         if final:
-            _check_gaps(image, result)
+            check_gaps(image, pixels, result.pixels_seen, result.width, result.contrast)
         self._remember(stamp, fit, located, ends)
         return result
 
@@ -397,13 +396,3 @@ class Observer:
         else:
             self._velocity = None
         self._last = LastShape.of(stamp, curve, fit.seen_length, located, ends)
-
-
-def _check_gaps(image: Image, result: VisionResult) -> None:
-    """Refuse a course that leaves the DLO, or changes over to another strip, where it was unseen.
-
-    Raises:
-        VisionError: with the reason.
-    """
-    check_bridges(image, result.pixels, result.pixels_seen, result.width)
-    check_strips(image, result.pixels, result.pixels_seen, result.width, result.contrast)

@@ -2,6 +2,7 @@
 """Numbers of the set-up that may be causes: far beyond their tolerance, or for certain."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.certainty import (
     beyond,
     certain,
+    has_other_stiffness,
     tolerances_off,
 )
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation, still_certain
@@ -22,6 +24,8 @@ from dlo_ros.diagnosis.proposals.linear_evidence import freed, proposal_of, with
 from dlo_ros.effects import Start, starts
 from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.inference.joint import evaluate
+from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.priors import material_priors
 from dlo_ros.inference.thresholds import BEYOND
 
 PEG = {"x": 0.1, "z": -0.1, "radius": 0.01}
@@ -157,3 +161,15 @@ def test_a_size_without_a_neutral_value_must_be_known_to_a_factor(prepared):
     spread = at.posterior.covariance
     for std, shown in ((0.1, True), (0.5, False)):
         assert certain(at, proposal, (), spread * std**2 / spread[k, k]) == shown
+
+
+def test_another_stiffness_is_told_by_what_is_known_of_the_ratio_alone():
+    """E and mu are known to 50 %, E / mu to 5 %."""
+    model = ParametricModel(PAPER, material_priors(PAPER)[:2])
+    assert model.names == ("young_modulus", "density")
+    covariance = np.full((2, 2), 0.25) + np.diag([0.05**2, 0.0])
+    at = SimpleNamespace(model=model, posterior=SimpleNamespace(covariance=covariance))
+    stiffer = model.at(model.theta() + np.array([0.12, 0.0]))
+    assert has_other_stiffness(stiffer, at, 2.0)
+    assert not has_other_stiffness(stiffer, at, 3.0)
+    assert not has_other_stiffness(model.at(model.theta() + 0.5), at, 1.0)

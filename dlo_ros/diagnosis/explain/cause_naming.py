@@ -16,7 +16,14 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     fitted,
 )
 from dlo_ros.diagnosis.explain.cause_search import Search, linear_loss, takes_little, without
-from dlo_ros.diagnosis.explain.certainty import SCALES, beyond, certain, is_beyond, strains
+from dlo_ros.diagnosis.explain.certainty import (
+    SCALES,
+    beyond,
+    certain,
+    has_other_stiffness,
+    is_beyond,
+    strains,
+)
 from dlo_ros.diagnosis.explain.contact_trials import Rivals
 from dlo_ros.diagnosis.explain.offered_effects import Offer, offered, ranked_proposals
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
@@ -27,6 +34,7 @@ from dlo_ros.inference.joint_fit import approached, fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.thresholds import (
+    CERTAIN,
     CLEARLY_LESS,
     FAR,
     INDISPENSABLE,
@@ -146,7 +154,8 @@ def named(
     What lies within its tolerance, or is no part of every set-up, is none where all that it
     explains is immaterial, or takes away less than `least` [m] of ERR: beside a cause whose true
     law is another than the model's, a further effect mends that law a little. Where the set-up must
-    leave its tolerance to do a cause's work, ERR does not tell how much that is. Correlated errors
+    leave its tolerance to do a cause's work, or E / mu would certainly be another one, ERR does not
+    tell how much that is. Correlated errors
     let fits drift from the shapes, by more than a cause may take away: what counts is how near the
     model can come with it and without it. What comes so near takes part of the measurement's own
     error away, too: that error is then no more than what is left with the cause.
@@ -225,7 +234,9 @@ class _Judge:
             return True
         explained = there.mean_err < OWN * min(self.own, here.mean_err)
         little = explained or _taken_away(here, there, group) < self.least
-        return not little or strains(bare, self.at)
+        if not little or strains(bare, self.at):
+            return True
+        return group.start is not None and has_other_stiffness(bare.model, self.at, CERTAIN)
 
 
 def _cause(group: Proposal, rivals: Rivals, at: Evaluation, bare: Evaluation) -> Cause:

@@ -11,7 +11,7 @@ import numpy as np
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import effects, quantities
 from dlo_ros.inference.joint import Evaluation
-from dlo_ros.inference.parameter import SLAB, Parameter, split_name
+from dlo_ros.inference.parameter import SLAB, Parameter, ParametricModel, split_name
 from dlo_ros.inference.thresholds import BEYOND, CERTAIN, NOTABLE
 from dlo_ros.spline import FloatArray
 
@@ -72,6 +72,19 @@ def strains(bare: Evaluation, at: Evaluation) -> bool:
         is_beyond(bare, g) and tolerances_off(bare, g) > tolerances_off(at, g) + BEYOND
         for g in freed(bare.model)
     )
+
+
+def has_other_stiffness(model: ParametricModel, at: Evaluation, stds: float) -> bool:
+    """Whether E / mu of another model is not that of a fit, by more than some standard deviations.
+
+    Args:
+        model: the other model.
+        at: the fit.
+        stds: standard deviations of ln(E / mu) in the fit.
+    """
+    axis = at.model.axis("young_modulus") - at.model.axis("density")
+    ratio = model.settings.rod.specific_modulus / at.model.settings.rod.specific_modulus
+    return float(np.log(ratio)) ** 2 > stds**2 * float(axis @ at.posterior.covariance @ axis)
 
 
 def tolerances_off(at: Evaluation, group: Proposal) -> float:

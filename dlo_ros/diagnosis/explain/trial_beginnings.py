@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
+from dlo_ros.diagnosis.explain.certainty import has_other_stiffness
 from dlo_ros.diagnosis.proposals.linear_evidence import PredictedGain, Proposal, joined
 from dlo_ros.effects import effects, quantities
 from dlo_ros.errors import SimulationError
@@ -78,16 +79,10 @@ def beginning(
         begin = borrowed(begin, _nearest_size(predicted, recordings), recordings)
     model = _held(begin.model, {*at.model.names, *(predicted.proposal.columns if smooth else ())})
     found = approached(replace(begin, model=model), recordings)
-    vital = predicted.gain >= INDISPENSABLE or _changes_stiffness(at, predicted)
+    # What E depends on is fitted, too.
+    vital = predicted.gain >= INDISPENSABLE or has_other_stiffness(predicted.model, at, 1.0)
     begins = replace(predicted, model=predicted.begin.at(found.model.theta()))
     return Beginning(begins, found.mean_err, vital)
-
-
-def _changes_stiffness(at: Evaluation, predicted: PredictedGain) -> bool:
-    """Whether a proposal is predicted to change E / mu by more than is known of it without."""
-    axis = at.model.axis("young_modulus") - at.model.axis("density")
-    change = predicted.model.settings.rod.specific_modulus / at.model.settings.rod.specific_modulus
-    return float(np.log(change)) ** 2 > float(axis @ at.posterior.covariance @ axis)
 
 
 def _with_columns(at: Evaluation, predicted: PredictedGain) -> Evaluation:

@@ -2,9 +2,10 @@
 """Effects that an identified plain DLO may stand for, with another Young's modulus.
 
 `identify` looks for no causes. But where a DLO creeps, the E that it finds is that of slow motion,
-several times too small at a small standard deviation, beside a damping that nobody has guessed. So
-the effect is fitted in place of that damping; where the recordings prefer it, what it would change
-is not known. Where they do not, the plain DLO stays: a creep that is over at once is a damping.
+several times too small at a small standard deviation, beside a damping that nobody has guessed; and
+where its strands rub on each other, that of small bends, half as large again. So such an effect is
+fitted in place of the plain DLO; where the recordings prefer it, what it would change is not known.
+Where they do not, the plain DLO stays: a creep that is over at once is a damping.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.plain_rod import instead_of_plain
 from dlo_ros.inference.scene import scene_of
-from dlo_ros.inference.thresholds import WORTH
+from dlo_ros.inference.thresholds import NAMED, WORTH
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -57,7 +58,7 @@ def alternatives(at: Evaluation, recordings: Sequence[Recording]) -> tuple[Alter
     """
     settings = at.model.settings
     absent = [s for s in starts(scene_of(settings, recordings)) if s.effect not in settings.effects]
-    found = []
+    found: list[tuple[float, Alternative]] = []
     for start, model in instead_of_plain(at.model, absent):
         try:
             other = fit(evaluate(model, recordings), recordings, ITERATIONS, draft=True)
@@ -71,5 +72,8 @@ def alternatives(at: Evaluation, recordings: Sequence[Recording]) -> tuple[Alter
         there = other.model.settings
         shift = np.nan_to_num(logarithms(there) - logarithms(settings), posinf=0.0, neginf=0.0)
         values = there.effects[start.effect]
-        found.append(Alternative(start.effect, values, there.rod.specific_modulus, shift))
-    return tuple(found)
+        modulus = there.rod.specific_modulus
+        found.append((gain, Alternative(start.effect, values, modulus, shift)))
+    # One of which the recordings show far less than of another is none.
+    least = max((gain for gain, _ in found), default=0.0) - NAMED
+    return tuple(other for gain, other in found if gain >= least)

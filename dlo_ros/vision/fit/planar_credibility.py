@@ -13,7 +13,10 @@ from dlo_ros.vision.fit.control_point_count import choose_control_points
 from dlo_ros.vision.fit.planar_clamps import EndPoses
 from dlo_ros.vision.fit.spline_fit import SplineFit
 from dlo_ros.vision.segmentation.edge_profile import Located
+from dlo_ros.vision.segmentation.picture_strip import Mask
 from dlo_ros.vision.segmentation.ridge_map import Image
+from dlo_ros.vision.tracing.occlusion_bridges import check_bridges
+from dlo_ros.vision.tracing.strip_change import check_strips
 
 LEAST_SEEN = 0.55  # share of the length that must be seen
 LENGTH_LIMITS = ((0.03, 0.03), (0.1, 0.05), (0.12, 0.12))
@@ -133,6 +136,23 @@ def check_change(length: float, before: float) -> None:
     change = abs(length / before - 1.0)
     if change > TRACKING_LENGTH_LIMIT:
         raise VisionError(f"the length changed by {100 * change:.1f} % since the last image")
+
+
+def check_gaps(image: Image, pixels: FloatArray, seen: Mask, width: float, contrast: float) -> None:
+    """Refuse a course that leaves the DLO, or changes over to another strip, where it was unseen.
+
+    Args:
+        image: BGR.
+        pixels: the course from start to end [px], shape (m, 2).
+        seen: whether the DLO was seen there, shape (m,).
+        width: width of the DLO [px].
+        contrast: its contrast [grey levels].
+
+    Raises:
+        VisionError: with the reason.
+    """
+    check_bridges(image, pixels, seen, width)
+    check_strips(image, pixels, seen, width, contrast)
 
 
 def unusable(image: Image, width: float) -> str:
