@@ -292,7 +292,7 @@ class Observer:
         if held:
             return result
         # A free end is looked for beyond the last chain, and again from where it was found until
-        # that is near; at once where it is clear.
+        # that is near. Near a chain once is enough, if nothing leaves the end in doubt.
         alike = abs(result.width - width) < ALIKE * width  # else it may be the DLO with its shadow
         near = NEAR_CHAIN if alike and self._settled else 0.0
         for _ in range(MOST_PROLONGED):

@@ -1,6 +1,6 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What a fit takes for a plain DLO: a creep for a much softer one that is damped strongly, and a
-friction within the DLO for a stiffer one."""
+"""Effects that a fit takes for a plain DLO: a creep for a much softer one that is damped strongly,
+and a friction within the DLO for a stiffer one."""
 
 import numpy as np
 import pytest

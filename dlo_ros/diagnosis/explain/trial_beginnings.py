@@ -79,7 +79,7 @@ def beginning(
         begin = borrowed(begin, _nearest_size(predicted, recordings), recordings)
     model = _held(begin.model, {*at.model.names, *(predicted.proposal.columns if smooth else ())})
     found = approached(replace(begin, model=model), recordings)
-    # What E depends on is fitted, too.
+    # Effects on which E depends are fitted, too.
     vital = predicted.gain >= INDISPENSABLE or has_other_stiffness(predicted.model, at, 1.0)
     begins = replace(predicted, model=predicted.begin.at(found.model.theta()))
     return Beginning(begins, found.mean_err, vital)

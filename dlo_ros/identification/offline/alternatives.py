@@ -74,6 +74,6 @@ def alternatives(at: Evaluation, recordings: Sequence[Recording]) -> tuple[Alter
         values = there.effects[start.effect]
         modulus = there.rod.specific_modulus
         found.append((gain, Alternative(start.effect, values, modulus, shift)))
-    # One of which the recordings show far less than of another is none.
+    # An effect for which the recordings speak far less than for another one is none.
     least = max((gain for gain, _ in found), default=0.0) - NAMED
     return tuple(other for gain, other in found if gain >= least)

@@ -74,6 +74,8 @@ def even_parameters(
         Function from profiles to parameters, which are a profile apart where the DLO was seen and
         beyond its ends.
     """
+    if not gaps:
+        return lambda at: at
     added = np.zeros(len(profiles))
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1) / np.diff(profiles)
     for first, last in gaps:
