@@ -45,7 +45,7 @@ def test_courses_that_differ_where_nothing_was_seen_are_one():
     longer = ([LINE, beside(40.0, 90, 110)], [0.0, 1.0], [], WIDTH)
     with pytest.raises(AmbiguousError):
         course_choice.choose(*longer, either_way=True, seen=[hidden, hidden])
-    # The same pieces in another order are another course, wherever they were seen.
+    # Pieces in another order make another course, wherever they were seen.
     swapped = np.vstack([LINE[:61], LINE[140:60:-1], LINE[141:]])
     with pytest.raises(AmbiguousError):
         both = [np.ones(len(c), bool) for c in (LINE, swapped)]

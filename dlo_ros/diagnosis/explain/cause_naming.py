@@ -155,10 +155,10 @@ def named(
     explains is immaterial, or takes away less than `least` [m] of ERR: beside a cause whose true
     law is another than the model's, a further effect mends that law a little. Where the set-up must
     leave its tolerance to do a cause's work, or E / mu would certainly be another one, ERR does not
-    tell how much that is. Correlated errors
-    let fits drift from the shapes, by more than a cause may take away: what counts is how near the
-    model can come with it and without it. What comes so near takes part of the measurement's own
-    error away, too: that error is then no more than what is left with the cause.
+    tell how much that is. Correlated errors let fits drift from the shapes, by more than a cause
+    may take away: what counts is how near the model can come with it and without it. What comes so
+    near takes part of the measurement's own error away, too: that error is then no more than what
+    is left with the cause.
 
     Of effects that do each other's work, each may be left out, and yet one of them acts where the
     set-up alone explains less: the one without which most is lost is named, with the others as its
@@ -195,7 +195,7 @@ def named(
             result.append(_cause(group, _rivals(at, bare, group, recordings, offer), at, bare))
         elif group.start is not None:
             shared.append((_loss_without(at, bare), group))
-    # Of effects that do each other's work, one acts for certain where the set-up does not do it.
+    # One of several effects that do each other's work acts for certain where the set-up does not.
     if len(shared) > 1 and len(shared) == sum(c.start is not None for c in found.causes):
         _, first = max(shared, key=lambda row: row[0])
         if judge.matters(first, setup):
