@@ -50,7 +50,7 @@ def test_a_bar_has_its_contrast_to_the_weaker_side_and_scores_by_its_colour():
     strip[:, 12:18] = 50.0
     ranges = np.array([[4, 8], [0, 2], [10, 12]])
     core, contrast = contrasts(strip, ranges, 18)
-    assert core[:, 9] == pytest.approx(50.0)
+    assert core[:, :, 9] == pytest.approx(50.0)
     assert contrast[:, 9] == pytest.approx(100.0 * 3**0.5)
     assert contrast[:, 0] == pytest.approx(0.0)
     usual = float(contrast[0, 9])

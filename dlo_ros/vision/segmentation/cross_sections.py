@@ -51,6 +51,8 @@ class Sections:
         axis: difference of the DLO's colour and the board's, shape (3,).
         misfit: misfit of the DLO's own cross-sections, in contrasts.
         same: contrasts by which colours differ that are one ground.
+        beside: how many samples at either side of a cross-section lie beside the DLO.
+        core: the samples in its middle.
     """
 
     shape: FloatArray
@@ -58,20 +60,23 @@ class Sections:
     axis: FloatArray
     misfit: float
     same: float
+    beside: int
+    core: Mask
 
     @classmethod
     def of(cls, strip: Float32, offsets: FloatArray, width: float) -> Sections:
         """From cross-sections of the DLO, shape (m, k, 3)."""
         usual = _medians(strip)
-        beside = np.count_nonzero(offsets >= SIDES * width)
+        beside = int(np.count_nonzero(offsets >= SIDES * width))
         both = np.hstack([strip[:, :beside], strip[:, -beside:]])
         board = _medians(both.reshape(-1, 1, 3))[0]
-        axis = usual[np.abs(offsets) <= CORE * width].mean(axis=0) - board
+        core = np.abs(offsets) <= CORE * width
+        axis = usual[core].mean(axis=0) - board
         contrast = max(float(np.linalg.norm(axis)), 1.0)
         shape = (usual - board) @ axis / contrast**2
         spread = np.median(np.linalg.norm(_grounds(strip, beside) - board, axis=2), axis=1)
         same = max(SAME_GROUND, SPREADS * float(spread.min()) / contrast)
-        found = cls(shape, board, axis, 0.0, same)
+        found = cls(shape, board, axis, 0.0, same, beside, core)
         return replace(found, misfit=float(np.median(found.fit(strip)[:, 2])))
 
     def fit(self, strip: Float32, part: slice = slice(None)) -> FloatArray:
@@ -87,20 +92,26 @@ class Sections:
         first, last, _ = part.indices(strip.shape[1])
         return np.asarray(compare(strip, first, last, self.shape, self.board, self.axis))
 
-    def crossed(self, strip: Float32, offsets: FloatArray, width: float, step: float) -> Mask:
+    def grounds(self, strip: Float32) -> FloatArray:
+        """Mean colours to both sides of the DLO in cross-sections, shape (2, m, 3)."""
+        return np.asarray(_grounds(strip, self.beside))
+
+    def middles(self, strip: Float32) -> FloatArray:
+        """Mean colours of the middles of cross-sections, shape (m, 3)."""
+        return np.asarray(strip[:, self.core].mean(axis=1), dtype=np.float64)
+
+    def crossed(self, strip: Float32, step: float) -> Mask:
         """Whether an edge that shows on both sides of the DLO runs through each cross-section.
 
         Args:
             strip: shape (m, k, 3).
-            offsets: offsets of the cross-section's pixels [px], shape (k,).
-            width: width of the DLO [px].
             step: distance of the cross-sections [widths].
         """
         contrast = max(float(np.linalg.norm(self.axis)), 1.0)
         count, reach = len(strip), max(1, round(EDGE_BREADTH / step))
         index = np.arange(count)
         before, behind = np.maximum(index - reach, 0), np.minimum(index + reach, count - 1)
-        colours = _grounds(strip, np.count_nonzero(offsets >= SIDES * width))
+        colours = self.grounds(strip)
         change = np.linalg.norm(colours[:, behind] - colours[:, before], axis=2)
         left, right = change > self.same * contrast
         result = np.zeros(count, dtype=np.bool_)

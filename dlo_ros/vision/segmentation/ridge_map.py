@@ -30,7 +30,6 @@ MOST_PIXELS = 600_000  # a larger picture is reduced a little more, for speed
 FLANK = 0.95  # distance of the compared pixels beside and along the DLO, in widths
 LEAST_CONTRAST = 5.0  # [grey levels] below this nothing counts as a DLO
 NOISE_FACTOR = 3.5
-PADDING = 8  # [px] the border is repeated by at least this, so that no comparison leaves the image
 
 
 @dataclass(frozen=True)
@@ -120,16 +119,18 @@ def map_ridges(
     smooth = np.asarray(cv2.GaussianBlur(small, (0, 0), sigma), dtype=np.uint8)
     noise = _noise(smooth, local)
     threshold = max(LEAST_CONTRAST, NOISE_FACTOR * noise)
-    padding = max(PADDING, math.ceil(1.8 * local))
+    angles = np.arange(ORIENTATIONS) * math.pi / ORIENTATIONS
+    across = np.column_stack([np.cos(angles), -np.sin(angles)])  # (row, column)
+    across = np.rint(FLANK * local * across).astype(np.int64)
+    padding = 2 * int(np.max(np.abs(across)))
     channels = cv2.split(smooth)
     border = (padding, padding, padding, padding, cv2.BORDER_REPLICATE)
-    angles = np.arange(ORIENTATIONS) * math.pi / ORIENTATIONS
-    across = np.column_stack([np.cos(angles), -np.sin(angles)]) * local  # (row, column)
+    planes = [cv2.copyMakeBorder(channel, *border) for channel in channels]
     strength, orientation = bars(
-        np.stack([cv2.copyMakeBorder(channel, *border) for channel in channels]),
+        np.stack(planes, dtype=np.float32),
         padding,
         _searched(allowed, channels, math.ceil(FLANK * local), threshold, reduction, origin, full),
-        np.rint(FLANK * across).astype(np.int64),
+        across,
         float(threshold),
         tones,
     )

@@ -297,6 +297,9 @@ class PathSearch:
 
     def _differ(self, one: _Partial, other: _Partial) -> bool:
         """Whether two paths run differently, and not only through other pieces of one course."""
+        free = self.start is None and self.end is None
+        if free and other.chains == tuple(state ^ 1 for state in reversed(one.chains)):
+            return False  # the same pieces backwards
         a, b = (self._path(0.0, partial) for partial in (one, other))
         if not self._follows(a.points, b.points):
             return True

@@ -7,8 +7,9 @@ import numpy as np
 
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
-from dlo_ros.vision.segmentation.cross_sections import Sections, offsets_for
+from dlo_ros.vision.segmentation.cross_sections import SPREADS, Sections, offsets_for
 from dlo_ros.vision.segmentation.picture_strip import (
+    Float32,
     Mask,
     normals_of,
     resample,
@@ -21,6 +22,9 @@ STEPS = 5  # cross-sections in a width
 NEARBY = 8.0  # [widths] to both sides of a bridge, where the DLO shows how it looks
 FEWEST_SECTIONS = 10  # of the DLO near a bridge that show how it looks
 LONGEST_BARE = 1.0  # [widths] of bare board under a course that edges and noise may fake
+BORDER = 1.0  # [widths] before and behind a bridge, where what hides the DLO may begin
+BEFORE = 3.0  # [widths] up to which the ground is taken that goes on below a bridge
+LEAST_STEP = 0.03  # of the DLO's contrast, from the ground to something pale upon it
 
 
 def check_bridges(image: Image, pixels: FloatArray, seen: Mask, width: float) -> None:
@@ -57,13 +61,46 @@ def check_bridges(image: Image, pixels: FloatArray, seen: Mask, width: float) ->
         if np.count_nonzero(own) < FEWEST_SECTIONS:
             continue
         dlo = Sections.of(strip_along(image, course[own], normals[own], offsets), offsets, width)
-        bridge = slice(first, last)
-        _, bare = dlo.odds(strip_along(image, course[bridge], normals[bridge], offsets))
-        longest = _longest(bare > 0.0) / STEPS
+        about = slice(max(0, first - round(BEFORE * STEPS)), last + round(BEFORE * STEPS))
+        strip = strip_along(image, course[about], normals[about], offsets)
+        first, last = first - about.start, last - about.start
+        _, bare = dlo.odds(strip[first:last])
+        longest = _longest((bare > 0.0) & ~_covered(dlo, strip, first, last)) / STEPS
         if longest > LONGEST_BARE:
             raise VisionError(
                 f"what looks like the DLO leaves it for {longest:.1f} widths of bare board"
             )
+
+
+def _covered(dlo: Sections, strip: Float32, first: int, last: int) -> Mask:
+    """Which cross-sections of a bridge show something about as pale as the board, shape (b,).
+
+    The ground that was seen on both sides of the DLO before and behind a bridge goes on below it,
+    and changes little over a width. What hides the DLO has a border, and another colour.
+
+    Args:
+        dlo: the DLO near the bridge.
+        strip: cross-sections of the course about the bridge, shape (m, k, 3).
+        first, last: the bridge's among them (exclusive).
+    """
+    grounds = dlo.grounds(strip)
+    border = round(BORDER * STEPS)
+    around = grounds[:, : max(0, first - border)], grounds[:, last + border :]
+    contrast = max(float(np.linalg.norm(dlo.axis)), 1.0)
+    if min(part.shape[1] for part in around) == 0:
+        return np.zeros(last - first, dtype=np.bool_)
+    levels = np.array([np.median(part, axis=1) for part in around])  # of both sides, (2, 2, 3)
+    if np.linalg.norm(levels - dlo.board, axis=2).max() > dlo.same * contrast:
+        return np.zeros(last - first, dtype=np.bool_)
+    spread = max(
+        float(np.median(np.linalg.norm(part - level[:, None], axis=2)))
+        for part, level in zip(around, levels, strict=True)
+    )
+    share = np.linspace(0.0, 1.0, last - first)[:, None]
+    before, behind = levels.mean(axis=1)
+    ground = before * (1.0 - share) + behind * share
+    step = np.linalg.norm(dlo.middles(strip[first:last]) - ground, axis=1)
+    return np.asarray(step > max(LEAST_STEP * contrast, SPREADS * spread))
 
 
 def _shares(points: FloatArray) -> FloatArray:

@@ -63,7 +63,7 @@ def follow(
     return curve + moved * normals
 
 
-@njit()
+@njit(fastmath=True)
 def contrasts(strip: Float32, ranges: NDArray[np.int64], count: int) -> tuple[Float32, Float32]:
     """Colour of a bar at each offset, and its contrast to the weaker of its two sides.
 
@@ -74,33 +74,35 @@ def contrasts(strip: Float32, ranges: NDArray[np.int64], count: int) -> tuple[Fl
         count: number of offsets, each a sample further.
 
     Returns:
-        Shapes (m, count, 3) and (m, count) [grey levels].
+        Shapes (m, 3, count) and (m, count) [grey levels].
     """
     rows, samples = strip.shape[:2]
-    core = np.empty((rows, count, 3), dtype=np.float32)
+    core = np.empty((rows, 3, count), dtype=np.float32)
     contrast = np.empty((rows, count), dtype=np.float32)
-    total = np.zeros((samples + 1, 3), dtype=np.float32)
+    squares = np.empty((2, count), dtype=np.float32)
+    total = np.zeros(samples + 1, dtype=np.float32)
+    share = np.float32(1.0) / (ranges[:, 1] - ranges[:, 0]).astype(np.float32)
     for i in range(rows):
-        for j in range(samples):
-            for c in range(3):
-                total[j + 1, c] = total[j, c] + strip[i, j, c]
-        for j in range(count):
-            weaker = np.float32(np.inf)
+        squares[:] = 0.0
+        for c in range(3):
+            for j in range(samples):
+                total[j + 1] = total[j] + strip[i, j, c]
+            inner = core[i, c]
+            low, high = total[ranges[0, 0] :], total[ranges[0, 1] :]
+            for j in range(count):
+                inner[j] = (high[j] - low[j]) * share[0]
             for side in range(1, 3):
-                square = np.float32(0.0)
-                for c in range(3):
-                    first, last = ranges[0, 0] + j, ranges[0, 1] + j
-                    inner = (total[last, c] - total[first, c]) / np.float32(last - first)
-                    core[i, j, c] = inner
-                    first, last = ranges[side, 0] + j, ranges[side, 1] + j
-                    outer = (total[last, c] - total[first, c]) / np.float32(last - first)
-                    square += (inner - outer) * (inner - outer)
-                weaker = min(weaker, np.sqrt(square))
-            contrast[i, j] = weaker
+                low, high = total[ranges[side, 0] :], total[ranges[side, 1] :]
+                square = squares[side - 1]
+                for j in range(count):
+                    difference = inner[j] - (high[j] - low[j]) * share[side]
+                    square[j] += difference * difference
+        for j in range(count):
+            contrast[i, j] = np.sqrt(min(squares[0, j], squares[1, j]))
     return core, contrast
 
 
-@njit()
+@njit(fastmath=True)
 def scores(core: Float32, contrast: Float32, colour: Float32, scale: float) -> FloatArray:
     """Score of a bar at each offset: its contrast, less what its colour differs by.
 
@@ -111,16 +113,18 @@ def scores(core: Float32, contrast: Float32, colour: Float32, scale: float) -> F
     """
     rows, count = contrast.shape
     result = np.empty((rows, count))
-    usual = np.float32(scale)
+    one = np.float32(1.0)
+    share = one / np.float32(scale)
     for i in range(rows):
         for j in range(count):
-            score = min(contrast[i, j] / usual, np.float32(1.0))
-            if len(colour) > 0:
-                square = np.float32(0.0)
-                for c in range(3):
-                    square += (core[i, j, c] - colour[c]) * (core[i, j, c] - colour[c])
-                score -= min(np.sqrt(square) / usual, np.float32(1.5))
-            result[i, j] = score
+            result[i, j] = min(contrast[i, j] * share, one)
+        if len(colour) > 0:
+            for j in range(count):
+                blue = core[i, 0, j] - colour[0]
+                green = core[i, 1, j] - colour[1]
+                red = core[i, 2, j] - colour[2]
+                apart = np.sqrt(blue * blue + green * green + red * red)
+                result[i, j] -= min(apart * share, np.float32(1.5))
     return result
 
 

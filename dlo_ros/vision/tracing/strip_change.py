@@ -16,6 +16,7 @@ from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.picture_strip import (
     CORE,
+    Float32,
     Mask,
     normals_of,
     strip_along,
@@ -61,20 +62,28 @@ def check_strips(
     core: FloatArray = width * np.linspace(-CORE, CORE, 5)
     beside: FloatArray = width * (BESIDE + np.linspace(-NARROW, NARROW, 3))
 
-    def usual(run: NDArray[np.int64], offsets: FloatArray) -> FloatArray:
-        """Usual colour of a part at a distance from its middle, BGR, shape (3,)."""
-        some = slice(run[0], run[1])
-        strip = np.sort(strip_along(image, pixels[some], normals[some], offsets), axis=0)
-        half = len(strip) // 2
-        median = strip[half] if len(strip) % 2 else 0.5 * (strip[half - 1] + strip[half])
-        return np.asarray(median.mean(axis=0))
+    strip = strip_along(image, pixels, normals, core)
+    own = [_usual_colour(strip[a:b]) for a, b in runs]
 
-    own = [usual(run, core) for run in runs]
+    def nearest(run: NDArray[np.int64], colour: FloatArray) -> float:
+        """How near the colours beside a part come to another one."""
+        part = slice(run[0], run[1])
+        strips = [
+            strip_along(image, pixels[part], normals[part], side) for side in (beside, -beside)
+        ]
+        return min(float(np.linalg.norm(_usual_colour(strip) - colour)) for strip in strips)
+
     for k in range(len(runs) - 1):
         change = float(np.linalg.norm(own[k] - own[k + 1]))
         if change > LEAST_CHANGE * contrast and all(
-            min(np.linalg.norm(usual(runs[a], side) - own[b]) for side in (beside, -beside))
-            < NEARER * change
-            for a, b in ((k, k + 1), (k + 1, k))
+            nearest(runs[a], own[b]) < NEARER * change for a, b in ((k, k + 1), (k + 1, k))
         ):
             raise VisionError("what looks like the DLO changes over to a strip beside it")
+
+
+def _usual_colour(strip: Float32) -> FloatArray:
+    """Median along a strip, mean across it, BGR, shape (3,)."""
+    ordered = np.sort(strip, axis=0)
+    half = len(strip) // 2
+    median = ordered[half] if len(strip) % 2 else 0.5 * (ordered[half - 1] + ordered[half])
+    return np.asarray(median.mean(axis=0))

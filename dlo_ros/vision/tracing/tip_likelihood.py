@@ -154,7 +154,7 @@ def find_tip(
         bool(located.seen[here[0]]),
     )
     # An end that lies just where the edge of something else runs would do so by chance.
-    crossed = sections.crossed(strip, offsets, width, step / per_width)
+    crossed = sections.crossed(strip, step / per_width)
     likelihood[: len(at)] += np.where(crossed, EDGE, 0.0)
     # An end lies before the first cross-section without the DLO.
     places = places - 0.5 * sign * step
