@@ -44,6 +44,29 @@ def test_a_bridge_below_something_stands(aside):
         check_bridges(render(bow(), scene), pixels, seen, 10.0)
 
 
+@pytest.mark.parametrize("aside", [0.0, 2.5])
+def test_a_bridge_below_a_pale_sheet_stands(aside):
+    picture, pixels, seen = course(Scene(), aside)
+    low, high = pixels[~seen].min(axis=0) - 5, pixels[~seen].max(axis=0) + 5
+    seen = np.any((pixels < low) | (pixels > high), axis=1)
+    part = slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
+    picture[part] = (203, 220, 208)  # 10 grey levels from the board, where the rope has 280
+    noise = np.random.default_rng(1).normal(0.0, 2.0, picture[part].shape)
+    picture[part] = np.clip(picture[part] + noise, 0, 255).astype(np.uint8)
+    check_bridges(picture, pixels, seen, 10.0)
+
+
+def test_a_shade_on_bare_board_does_not_hide_the_rope():
+    picture, pixels, seen = course(Scene(), 2.5)
+    middle = pixels[~seen].mean(axis=0)
+    x, y = np.meshgrid(np.arange(picture.shape[1]), np.arange(picture.shape[0]))
+    far = np.hypot(x - middle[0], y - middle[1])
+    shade = 1.0 - 0.15 * np.exp(-0.5 * (far / 100.0) ** 2)  # 30 grey levels, soft over ten widths
+    picture = (picture * shade[:, :, None]).astype(np.uint8)
+    with pytest.raises(VisionError, match=r"widths of bare board"):
+        check_bridges(picture, pixels, seen, 10.0)
+
+
 def test_what_lies_beside_the_rope_is_no_point_of_it():
     # Near its end the rope touches itself beside a hole.
     assert judge(82058, "issue", "start").found == "right"

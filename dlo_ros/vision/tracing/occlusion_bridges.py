@@ -25,6 +25,7 @@ LONGEST_BARE = 1.0  # [widths] of bare board under a course that edges and noise
 BORDER = 1.0  # [widths] before and behind a bridge, where what hides the DLO may begin
 BEFORE = 3.0  # [widths] up to which the ground is taken that goes on below a bridge
 LEAST_STEP = 0.03  # of the DLO's contrast, from the ground to something pale upon it
+SOFT = 0.25  # share of the step, from which on, and up to the rest of it, an edge climbs
 
 
 def check_bridges(image: Image, pixels: FloatArray, seen: Mask, width: float) -> None:
@@ -75,8 +76,8 @@ def check_bridges(image: Image, pixels: FloatArray, seen: Mask, width: float) ->
 def _covered(dlo: Sections, strip: Float32, first: int, last: int) -> Mask:
     """Which cross-sections of a bridge show something about as pale as the board, shape (b,).
 
-    The ground that was seen on both sides of the DLO before and behind a bridge goes on below it,
-    and changes little over a width. What hides the DLO has a border, and another colour.
+    The ground that was seen on both sides of the DLO before and behind a bridge goes on below it.
+    What hides the DLO has another colour, and a border where the bridge begins and where it stops.
 
     Args:
         dlo: the DLO near the bridge.
@@ -86,21 +87,40 @@ def _covered(dlo: Sections, strip: Float32, first: int, last: int) -> Mask:
     grounds = dlo.grounds(strip)
     border = round(BORDER * STEPS)
     around = grounds[:, : max(0, first - border)], grounds[:, last + border :]
-    contrast = max(float(np.linalg.norm(dlo.axis)), 1.0)
+    nothing = np.zeros(last - first, dtype=np.bool_)
     if min(part.shape[1] for part in around) == 0:
-        return np.zeros(last - first, dtype=np.bool_)
+        return nothing
+    contrast = max(float(np.linalg.norm(dlo.axis)), 1.0)
     levels = np.array([np.median(part, axis=1) for part in around])  # of both sides, (2, 2, 3)
     if np.linalg.norm(levels - dlo.board, axis=2).max() > dlo.same * contrast:
-        return np.zeros(last - first, dtype=np.bool_)
+        return nothing
     spread = max(
         float(np.median(np.linalg.norm(part - level[:, None], axis=2)))
         for part, level in zip(around, levels, strict=True)
     )
-    share = np.linspace(0.0, 1.0, last - first)[:, None]
+    share = np.clip((np.arange(len(strip)) - first) / (last - first), 0.0, 1.0)[:, None]
     before, behind = levels.mean(axis=1)
     ground = before * (1.0 - share) + behind * share
-    step = np.linalg.norm(dlo.middles(strip[first:last]) - ground, axis=1)
-    return np.asarray(step > max(LEAST_STEP * contrast, SPREADS * spread))
+    away = dlo.middles(strip[first:last]) - ground[first:last]
+    covered = np.linalg.norm(away, axis=1) > max(LEAST_STEP * contrast, SPREADS * spread)
+    if not covered.any():
+        return nothing
+    step = np.median(away[covered], axis=0)
+    shares = (grounds - ground) @ step / max(float(step @ step), 1e-9)
+    half = (first + last) // 2
+    bordered = _has_border(shares[:, :half]) and _has_border(shares[:, half:][:, ::-1])
+    return np.asarray(covered) if bordered else nothing
+
+
+def _has_border(shares: FloatArray) -> bool:
+    """Whether something begins at once, on either side of a course, and not softly as a shade does.
+
+    Args:
+        shares: of its colour, at both sides along the course, shape (2, m).
+    """
+    soft = np.count_nonzero((shares > SOFT) & (shares < 1.0 - SOFT), axis=1)
+    begins = np.any(shares < SOFT, axis=1) & np.any(shares > 1.0 - SOFT, axis=1)
+    return bool(np.any(begins & (soft <= LONGEST_BARE * STEPS)))
 
 
 def _shares(points: FloatArray) -> FloatArray:
