@@ -130,6 +130,14 @@ def test_holes_beside_a_free_end_do_not_stretch_u():
     assert table[:, 2].mean() > 0.9  # within two stated std
 
 
+# A hole beside the end draws what is seen last of the DLO aside, and with it the course beyond.
+@pytest.mark.parametrize("seed", [1500101, 1600022, 1600062, 1600242])
+def test_a_hole_beside_the_end_does_not_lead_the_course_off_it(seed):
+    found = judge("holes", seed)
+    assert not isinstance(found, str)
+    assert abs(found[0]) < 0.003
+
+
 @pytest.mark.parametrize("kind", ["plain", "shadow", "dark", "hidden", "long"])
 def test_stated_std_of_u_covers_the_error(kind):
     found = [judge(kind, seed) for seed in range(7100, 7104)]

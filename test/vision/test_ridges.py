@@ -41,7 +41,7 @@ def noisy():
     rng = np.random.default_rng(4)
     picture = np.full((44, 110, 3), 190, dtype=np.uint8)
     cv2.line(picture, (0, 10), (109, 34), (60, 90, 40), round(WIDTH), cv2.LINE_AA)
-    noise = cv2.GaussianBlur(rng.normal(0.0, 40.0, picture.shape), (0, 0), 1.0)
+    noise = cv2.GaussianBlur(rng.normal(0.0, 25.0, picture.shape), (0, 0), 1.0)
     return np.clip(picture + noise, 0, 255).astype(np.uint8)
 
 
@@ -57,13 +57,13 @@ def test_each_pixel_has_the_bar_of_its_definition(noisy):
         cv2.copyMakeBorder(c, pad, pad, pad, pad, cv2.BORDER_REPLICATE) for c in cv2.split(noisy)
     ]
     strength, orientation = bars(
-        np.stack(planes, dtype=np.float32), pad, searched, across, 12.0, False
+        np.stack(planes, dtype=np.float32), pad, searched, across, 8.0, False
     )
     assert not strength[searched == 0].any()
     found = 0
     for y in range(noisy.shape[0]):
         for x in np.flatnonzero(searched[y]):
-            value, which = expected_bar(noisy.astype(float), y, x, across, 12.0)
+            value, which = expected_bar(noisy.astype(float), y, x, across, 8.0)
             assert strength[y, x] == pytest.approx(value, abs=1e-4)
             if value > 0.0:
                 assert orientation[y, x] == which

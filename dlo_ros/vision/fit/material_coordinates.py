@@ -97,7 +97,14 @@ def find_ends(
             own = continued(located, smooth, place, window, from_start=start)
             tip = find_tip(image, located, own, place, beyond, from_start=start)
             place = float(np.clip(tip.innermost, 0.0, last))
-        settled &= abs(place - before) * located.spacing < SETTLED * located.width
+        if abs(place - before) * located.spacing >= SETTLED * located.width:
+            settled = False
+            # What lies beside the end has drawn one of them aside: that one sees less of the DLO.
+            further = continued(located, smooth, before, CONTINUED[0], from_start=start)
+            rival = find_tip(image, located, further, before, beyond, from_start=start)
+            if rival.likelihood.max() > tip.likelihood.max():
+                own, tip = further, rival
+                place = float(np.clip(tip.innermost, 0.0, last))
         part = slice(None, round(place)) if start else slice(round(place), None)
         course[part] = own[part]
         tips[k] = tip
