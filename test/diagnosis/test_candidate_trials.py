@@ -223,3 +223,29 @@ def test_what_has_no_size_is_simulated_where_it_is_promised():
         Start("point_mass", {"mass": 0.0}, ("mass",), ("mass",)),
     ):
         assert trial_beginnings._size(proposal_of(PAPER, start)) is None
+
+
+@pytest.mark.parametrize(
+    ("gains", "errs", "nearest", "taken"),
+    [
+        # Gains alike, and both can come as near: the evidence decides, wherever the fits lie.
+        ((1078.0, 1107.0), (0.91e-3, 1.29e-3), (0.605e-3, 0.597e-3), "trial"),
+        ((1107.0, 1078.0), (1.29e-3, 0.91e-3), (0.605e-3, 0.597e-3), "first"),
+        ((1078.0, 1107.0), (0.91e-3, 1.29e-3), (0.5e-3, 0.6e-3), "first"),  # clearly nearer
+        ((500.0, 1107.0), (0.91e-3, 1.29e-3), (0.5e-3, 0.6e-3), "trial"),  # gains less
+        ((1.0, 2.0), (0.91e-3, 1.29e-3), (0.5e-3, 0.6e-3), None),
+        ((1107.0, None), (0.91e-3, None), (0.5e-3, None), "first"),
+    ],
+)
+def test_a_cause_found_from_afar_competes_by_how_near_it_can_come(
+    monkeypatch, gains, errs, nearest, taken
+):
+    """A plug that was fitted 1.29 mm off was taken for a mass, found from afar, at 0.91 mm."""
+    trials = [
+        None if gain is None else (evaluation(gain, err), name)
+        for gain, err, name in zip(gains, errs, ("first", "trial"), strict=True)
+    ]
+    reached = {id(t[0]): near for t, near in zip(trials, nearest, strict=True) if t is not None}
+    monkeypatch.setattr(candidate_trials, "nearest_err", lambda at, _: reached[id(at)])
+    found = candidate_trials.best_with(*trials, evaluation(0.0, 9e-3), ())
+    assert (found and found[1]) == taken

@@ -173,3 +173,16 @@ def test_another_stiffness_is_told_by_what_is_known_of_the_ratio_alone():
     assert has_other_stiffness(stiffer, at, 2.0)
     assert not has_other_stiffness(stiffer, at, 3.0)
     assert not has_other_stiffness(model.at(model.theta() + 0.5), at, 1.0)
+
+
+@pytest.mark.parametrize(("disagreement", "certain"), [(0.0, True), (0.05, False)])
+def test_recordings_that_disagree_about_the_stiffness_leave_another_one_possible(
+    monkeypatch, disagreement, certain
+):
+    """E / mu is known to 4 %, and 20 % off, unless the recordings disagree by 5 %."""
+    model = ParametricModel(PAPER, material_priors(PAPER)[:2])
+    wide = np.full((2, 2), 0.25) + np.diag([0.04**2 + disagreement**2, 0.0])
+    monkeypatch.setattr(certainty, "widened_covariance", lambda *_: wide)
+    at = SimpleNamespace(model=model, spectra=(), variances=())
+    stiffer = model.at(model.theta() + np.array([0.18, 0.0]))
+    assert certainty.has_certainly_other_stiffness(stiffer, at) == certain

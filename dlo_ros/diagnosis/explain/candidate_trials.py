@@ -28,6 +28,7 @@ from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.plain_rod import instead_of_plain
 from dlo_ros.inference.thresholds import (
     CLEARLY_LESS,
+    LOWERS,
     MUCH_LARGER,
     OWN,
     PROMISING,
@@ -211,15 +212,9 @@ def _various(rows: Sequence[Row], kind: Callable[[Row], str]) -> list[Row]:
     return [*first.values(), *(row for row in rows if row is not first[kind(row)])]
 
 
-def _best_first(
-    trials: Sequence[Trial], at: Evaluation, alike: float = 1.0 - SAME_GAIN
-) -> list[Trial]:
-    """Trials by their log evidence; of those that gain alike, the nearest to the shapes first.
-
-    Args:
-        alike: share of the largest gain, from which trials gain alike.
-    """
-    least = alike * max((_gain(trial, at) for trial in trials), default=0.0)
+def _best_first(trials: Sequence[Trial], at: Evaluation) -> list[Trial]:
+    """Trials by their log evidence; of those that gain alike, the nearest to the shapes first."""
+    least = (1.0 - SAME_GAIN) * max((_gain(trial, at) for trial in trials), default=0.0)
 
     def order(trial: Trial) -> tuple[bool, float, float]:
         gain = _gain(trial, at)
@@ -252,16 +247,35 @@ def gains(trial: Trial, at: Evaluation) -> bool:
 
 
 def best_gain(
-    trials: Sequence[Trial], at: Evaluation, recordings: Sequence[Recording],
-    alike: float = 1.0,
-) -> Trial | None:  # fmt: skip
-    """The trial that explains most, nearer to the shapes than a model; None where none gains.
+    trials: Sequence[Trial], at: Evaluation, recordings: Sequence[Recording]
+) -> Trial | None:
+    """The trial that explains most, nearer to the shapes than a model; None where none gains."""
+    gaining = [trial for trial in trials if gains(trial, at)]
+    worth = sorted(gaining, key=lambda trial: -_gain(trial, at))
+    return next((trial for trial in worth if comes_nearer(trial[0], at, recordings)), None)
+
+
+def best_with(
+    first: Trial, found: Trial | None, at: Evaluation, recordings: Sequence[Recording]
+) -> Trial | None:
+    """The better one of a fit that begins far away and of a trial; None where none gains.
+
+    While other causes are missing, evidence tells them apart no better than `CLEARLY_LESS`. Of two
+    that gain alike the one that comes clearly nearer to the shapes is taken, and where none does,
+    the one that gains more. Fits drift from the shapes as far as errors that stay are cheap: what
+    counts is how near they can come.
 
     Args:
-        alike: see `_best_first`.
+        first: the fit with a cause that derivatives do not tell of.
+        found: the best trial, if there is one.
     """
-    worth = _best_first([trial for trial in trials if gains(trial, at)], at, alike)
-    return next((trial for trial in worth if comes_nearer(trial[0], at, recordings)), None)
+    trials = [first] if found is None else [first, found]
+    worth = [trial for trial in trials if gains(trial, at)]
+    gain = [_gain(trial, at) for trial in worth]
+    if len(worth) > 1 and min(gain) >= CLEARLY_LESS * max(gain):
+        errs = [nearest_err(trial[0], recordings) for trial in worth]
+        worth = [t for t, e in zip(worth, errs, strict=True) if (1.0 - LOWERS) * e < min(errs)]
+    return best_gain(worth, at, recordings)
 
 
 def refit_loss(

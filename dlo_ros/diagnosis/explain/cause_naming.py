@@ -20,7 +20,7 @@ from dlo_ros.diagnosis.explain.certainty import (
     SCALES,
     beyond,
     certain,
-    has_other_stiffness,
+    has_certainly_other_stiffness,
     is_beyond,
     strains,
 )
@@ -34,7 +34,6 @@ from dlo_ros.inference.joint_fit import approached, fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.thresholds import (
-    CERTAIN,
     CLEARLY_LESS,
     FAR,
     INDISPENSABLE,
@@ -236,7 +235,7 @@ class _Judge:
         little = explained or _taken_away(here, there, group) < self.least
         if not little or strains(bare, self.at):
             return True
-        return group.start is not None and has_other_stiffness(bare.model, self.at, CERTAIN)
+        return group.start is not None and has_certainly_other_stiffness(bare.model, self.at)
 
 
 def _cause(group: Proposal, rivals: Rivals, at: Evaluation, bare: Evaluation) -> Cause:

@@ -19,8 +19,8 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     Step,
     Trial,
     begun_instead,
-    best_gain,
     best_trial,
+    best_with,
     fitted,
 )
 from dlo_ros.diagnosis.explain.certainty import far_off, tolerances_off
@@ -44,7 +44,7 @@ from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import SLAB, ParametricModel
 from dlo_ros.inference.plain_rod import taken_for_plain
-from dlo_ros.inference.thresholds import CLEARLY_LESS, INDISPENSABLE, LOWERS, OWN, WORTH
+from dlo_ros.inference.thresholds import INDISPENSABLE, LOWERS, OWN, WORTH
 from dlo_ros.inference.variances import posterior
 
 LOG = logging.getLogger(__name__)
@@ -115,9 +115,7 @@ def search(
         instead = begun_instead(at, recordings, [b for b in begun if b.effect not in known])
         found, steps = best_trial(number, at, offers, recordings, least, instead)
         if first is not None:
-            # While other causes are missing, evidence tells them no better apart than that.
-            others = [found] if found else []
-            found = best_gain([first, *others], at, recordings, CLEARLY_LESS)
+            found = best_with(first, found, at, recordings)
             outcome = "added" if found is first else "fitted, but another gains more"
             steps.append(_compared(number, first, at, outcome))
             first = None

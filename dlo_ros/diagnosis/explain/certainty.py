@@ -13,6 +13,7 @@ from dlo_ros.effects import effects, quantities
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.parameter import SLAB, Parameter, ParametricModel, split_name
 from dlo_ros.inference.thresholds import BEYOND, CERTAIN, NOTABLE
+from dlo_ros.inference.variances import widened_covariance
 from dlo_ros.spline import FloatArray
 
 SCALES = ("young_modulus", "density")
@@ -82,9 +83,24 @@ def has_other_stiffness(model: ParametricModel, at: Evaluation, stds: float) -> 
         at: the fit.
         stds: standard deviations of ln(E / mu) in the fit.
     """
+    return _stiffness_stds(model, at, at.posterior.covariance) > stds
+
+
+def has_certainly_other_stiffness(model: ParametricModel, at: Evaluation) -> bool:
+    """The same for certain, where the recordings may disagree about E / mu.
+
+    A model whose laws are not the true ones fits each recording with another E / mu.
+    """
+    offset, precision = at.model.offset(), at.model.precision()
+    spread = widened_covariance(at.spectra, at.variances, offset, precision)
+    return _stiffness_stds(model, at, spread) > CERTAIN
+
+
+def _stiffness_stds(model: ParametricModel, at: Evaluation, covariance: FloatArray) -> float:
+    """Distance of ln(E / mu) of another model from that of a fit, in standard deviations."""
     axis = at.model.axis("young_modulus") - at.model.axis("density")
     ratio = model.settings.rod.specific_modulus / at.model.settings.rod.specific_modulus
-    return float(np.log(ratio)) ** 2 > stds**2 * float(axis @ at.posterior.covariance @ axis)
+    return abs(float(np.log(ratio))) / float(np.sqrt(axis @ covariance @ axis))
 
 
 def tolerances_off(at: Evaluation, group: Proposal) -> float:
