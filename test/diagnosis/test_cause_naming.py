@@ -140,6 +140,8 @@ def test_a_fit_without_a_cause_that_has_only_drifted_does_not_tell_of_it(monkeyp
         (0.5e-3, 0.77e-3, 0.69e-3, 0.05e-3, False, True),
         (0.29e-3, 0.35e-3, 0.35e-3, 0.3e-3, False, False),
         (0.29e-3, 0.35e-3, 0.35e-3, 0.3e-3, True, True),
+        (0.89e-3, 0.89e-3, 1.2e-3, 0.3e-3, False, False),  # a creep comes no nearer at all
+        (0.89e-3, 0.89e-3, 1.2e-3, 0.3e-3, True, True),
     ],
 )
 def test_what_comes_nearer_than_the_measurement_errs_is_judged_by_what_is_left(

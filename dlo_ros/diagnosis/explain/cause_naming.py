@@ -225,6 +225,9 @@ class _Judge:
         Args:
             bare: the fit.
         """
+        # Neither does ERR tell where E / mu would certainly be another one.
+        if group.start is not None and has_certainly_other_stiffness(bare.model, self.at):
+            return True
         here, there = self.near, approached(bare, self.recordings)
         LOG.info("without %s: %.3f mm", group.label, 1e3 * there.mean_err)
         if here.mean_err > (1.0 - LOWERS) * there.mean_err:
@@ -233,9 +236,7 @@ class _Judge:
             return True
         explained = there.mean_err < OWN * min(self.own, here.mean_err)
         little = explained or _taken_away(here, there, group) < self.least
-        if not little or strains(bare, self.at):
-            return True
-        return group.start is not None and has_certainly_other_stiffness(bare.model, self.at)
+        return not little or strains(bare, self.at)
 
 
 def _cause(group: Proposal, rivals: Rivals, at: Evaluation, bare: Evaluation) -> Cause:
