@@ -12,7 +12,7 @@ from rods import PAPER
 from dlo_ros.diagnosis.explain import cause_naming, cause_search
 from dlo_ros.diagnosis.explain.certainty import SCALES, certain, strains
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation
-from dlo_ros.diagnosis.proposals.linear_evidence import freed, proposal_of
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed, proposal_of
 from dlo_ros.effects import Start
 from dlo_ros.inference import joint_fit
 from dlo_ros.inference.joint import borrowed
@@ -24,7 +24,9 @@ SERVING = SimpleNamespace(serves=lambda _: True, beside=lambda _: None)
 
 
 def evaluation(evidence, err):
-    return SimpleNamespace(posterior=SimpleNamespace(evidence=evidence), mean_err=err)
+    """A fit to one recording."""
+    posterior = SimpleNamespace(evidence=evidence)
+    return SimpleNamespace(posterior=posterior, mean_err=err, err=[np.full(9, err)])
 
 
 def test_what_is_not_known_of_the_weight_makes_no_force_doubtful():
@@ -160,6 +162,7 @@ def test_what_comes_nearer_than_the_measurement_errs_is_judged_by_what_is_left(
     monkeypatch.setattr(cause_naming, "_rivals", lambda *_: {})
     monkeypatch.setattr(cause_naming, "strains", lambda *_: False)
     monkeypatch.setattr(cause_naming, "has_certainly_other_stiffness", lambda *_: stiffer)
+    monkeypatch.setattr(cause_naming, "taken_for_plain", lambda model, _: model)
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)
@@ -176,7 +179,6 @@ def test_a_fit_without_a_cause_that_explains_less_than_the_set_up_has_gone_astra
     monkeypatch.setattr(cause_naming, "_rivals", lambda *_: {})
     monkeypatch.setattr(cause_naming, "strains", lambda *_: False)
     monkeypatch.setattr(cause_naming, "has_certainly_other_stiffness", lambda *_: False)
-    monkeypatch.setattr(cause_naming, "_taken_away", lambda *_: 1.0)
     monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, wholly: 40.0)
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
@@ -190,9 +192,34 @@ def test_what_acts_now_and_then_counts_where_it_acts():
     at, bare = evaluation(0.0, 1e-3), evaluation(0.0, 2e-3)
     at.err = [np.full(9, 1e-3)] * 4
     bare.err = [*at.err[:3], np.full(9, 5e-3)]
-    for steady, taken in ((True, 1e-3), (False, 4e-3)):
+    for steady, errs in ((True, (1e-3, 2e-3)), (False, (1e-3, 5e-3))):
         group = SimpleNamespace(from_nothing=steady)
-        assert cause_naming._taken_away(at, bare, group) == pytest.approx(taken)
+        assert cause_naming._errs_where_it_acts(at, bare, group) == pytest.approx(errs)
+
+
+@pytest.mark.parametrize(("steady", "named"), [(True, False), (False, True)])
+def test_what_acts_in_one_recording_is_named_though_others_lie_farther_off(
+    monkeypatch, steady, named
+):
+    """A wall that is hit in one of three recordings, by 9374 of log evidence: that came from 3.3 to
+    0.9 mm, and others, which a fit without it had followed at any price, from 1.7 to 2.8 mm.
+    """
+    start = Start("wall", {"offset": 0.0, "angle": 0.0}, ("offset",), ("offset",), neutral=False)
+    at, bare = evaluation(0.0, 2.44e-3), evaluation(-9374.0, 2.35e-3)
+    at.err = [np.full(9, e) for e in (2.8e-3, 0.9e-3, 3.6e-3)]
+    bare.err = [np.full(9, e) for e in (1.7e-3, 3.3e-3, 2.0e-3)]
+    at.model = bare.model = SimpleNamespace(settings=PAPER)
+    monkeypatch.setattr(Proposal, "from_nothing", property(lambda _: steady))
+    monkeypatch.setattr(cause_naming, "certain", lambda *_: True)
+    monkeypatch.setattr(cause_naming, "beyond", lambda *_: [])
+    monkeypatch.setattr(cause_naming, "_rivals", lambda *_: {})
+    monkeypatch.setattr(cause_naming, "strains", lambda *_: False)
+    monkeypatch.setattr(cause_naming, "has_certainly_other_stiffness", lambda *_: False)
+    monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
+    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)
+    causes, _ = cause_naming.named(found, bare, {}, (), [start], 2.1e-3, 0.25e-3)
+    assert bool(causes) is named
 
 
 @pytest.mark.parametrize(("loss", "kept"), [(4.0, False), (12.0, True)])

@@ -33,6 +33,7 @@ from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import approached, fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import split_name
+from dlo_ros.inference.plain_rod import taken_for_plain
 from dlo_ros.inference.thresholds import (
     CLEARLY_LESS,
     FAR,
@@ -225,17 +226,22 @@ class _Judge:
         Args:
             bare: the fit.
         """
-        # Neither does ERR tell where E / mu would certainly be another one.
-        if group.start is not None and has_certainly_other_stiffness(bare.model, self.at):
+        # Neither does ERR tell where a plain rod of another E / mu stands for an effect.
+        if (
+            group.start is not None
+            and has_certainly_other_stiffness(bare.model, self.at)
+            and has_certainly_other_stiffness(taken_for_plain(self.at.model, group.effect), self.at)
+        ):
             return True
-        here, there = self.near, approached(bare, self.recordings)
+        there = approached(bare, self.recordings)
         LOG.info("without %s: %.3f mm", group.label, 1e3 * there.mean_err)
-        if here.mean_err > (1.0 - LOWERS) * there.mean_err:
+        here, without_it = _errs_where_it_acts(self.near, there, group)
+        if here > (1.0 - LOWERS) * without_it:
             return False
         if self.exact or (group.start is None and is_beyond(self.at, group)):
             return True
-        explained = there.mean_err < OWN * min(self.own, here.mean_err)
-        little = explained or _taken_away(here, there, group) < self.least
+        explained = without_it < OWN * min(self.own, here)
+        little = explained or without_it - here < self.least
         return not little or strains(bare, self.at)
 
 
@@ -245,13 +251,16 @@ def _cause(group: Proposal, rivals: Rivals, at: Evaluation, bare: Evaluation) ->
     return Cause(group.effect, names, rivals, _loss_without(at, bare), bare.mean_err)
 
 
-def _taken_away(at: Evaluation, bare: Evaluation, group: Proposal) -> float:
-    """ERR that a cause takes away [m]; of what acts now and then, such as a peg that is hit or a
-    yield, where it takes most.
+def _errs_where_it_acts(
+    at: Evaluation, bare: Evaluation, group: Proposal
+) -> tuple[float, float]:  # fmt: skip
+    """ERR with and without a cause [m]; of what acts now and then, such as a peg that is hit or a
+    yield, in the recording where it takes most.
     """
     if group.from_nothing:
-        return bare.mean_err - at.mean_err
-    return max(float(np.mean(b) - np.mean(a)) for b, a in zip(bare.err, at.err, strict=True))
+        return at.mean_err, bare.mean_err
+    errs = [(float(np.mean(a)), float(np.mean(b))) for a, b in zip(at.err, bare.err, strict=True)]
+    return max(errs, key=lambda e: e[1] - e[0])
 
 
 def _log_ratio(at: Evaluation) -> float:
