@@ -251,9 +251,7 @@ def _cause(group: Proposal, rivals: Rivals, at: Evaluation, bare: Evaluation) ->
     return Cause(group.effect, names, rivals, _loss_without(at, bare), bare.mean_err)
 
 
-def _errs_where_it_acts(
-    at: Evaluation, bare: Evaluation, group: Proposal
-) -> tuple[float, float]:  # fmt: skip
+def _errs_where_it_acts(at: Evaluation, bare: Evaluation, group: Proposal) -> tuple[float, float]:
     """ERR with and without a cause [m]; of what acts now and then, such as a peg that is hit or a
     yield, in the recording where it takes most.
     """
