@@ -29,6 +29,15 @@ def evaluation(evidence, err):
     return SimpleNamespace(posterior=posterior, mean_err=err, err=[np.full(9, err)])
 
 
+def only_err_decides(monkeypatch):
+    """A single cause, certain, which neither the set-up nor a plain rod stands for."""
+    monkeypatch.setattr(cause_naming, "certain", lambda *_: True)
+    monkeypatch.setattr(cause_naming, "beyond", lambda *_: [])
+    monkeypatch.setattr(cause_naming, "_rivals", lambda *_: {})
+    monkeypatch.setattr(cause_naming, "strains", lambda *_: False)
+    monkeypatch.setattr(cause_naming, "has_certainly_other_stiffness", lambda *_: False)
+
+
 def test_what_is_not_known_of_the_weight_makes_no_force_doubtful():
     """A force that is known to a hundredth of the weight, on a DLO that was not weighed."""
     names = ["young_modulus", "density", "effects.constant_force.x"]
@@ -66,12 +75,9 @@ def test_what_is_not_known_of_the_weight_makes_no_force_doubtful():
 def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, strained, named):
     start = Start("point_mass", {"mass": 0.0}, ("mass",), ("mass",))
     others = [replace(start, effect=f"effect {k}") for k in range(15)]
-    monkeypatch.setattr(cause_naming, "certain", lambda *_: True)
-    monkeypatch.setattr(cause_naming, "beyond", lambda *_: [])
+    only_err_decides(monkeypatch)
     monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, wholly: linear)
-    monkeypatch.setattr(cause_naming, "_rivals", lambda *_: {})
     monkeypatch.setattr(cause_naming, "strains", lambda *_: strained)
-    monkeypatch.setattr(cause_naming, "has_certainly_other_stiffness", lambda *_: False)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
     softer = replace(PAPER.rod, young_modulus=0.5 * PAPER.rod.young_modulus)
     bare = evaluation(-loss, without)
@@ -101,10 +107,7 @@ def test_of_two_that_do_each_other_s_work_one_is_named(monkeypatch, alone, named
         fit.model = SimpleNamespace(settings=PAPER.with_effects(values))
     setup = evaluation(-5000.0, alone)
     setup.model = SimpleNamespace(settings=PAPER)
-    monkeypatch.setattr(cause_naming, "certain", lambda *_: True)
-    monkeypatch.setattr(cause_naming, "beyond", lambda *_: [])
-    monkeypatch.setattr(cause_naming, "strains", lambda *_: False)
-    monkeypatch.setattr(cause_naming, "has_certainly_other_stiffness", lambda *_: False)
+    only_err_decides(monkeypatch)
     monkeypatch.setattr(cause_naming, "without", lambda _, group, *__, wholly: bare[group.effect])
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
     found = SimpleNamespace(at=at, causes=causes, offer=SERVING)
@@ -122,11 +125,7 @@ def test_a_fit_without_a_cause_that_has_only_drifted_does_not_tell_of_it(monkeyp
     at, bare = evaluation(0.0, 1.14e-3), evaluation(-40.0, 1.89e-3)
     nearest = {id(at): evaluation(0.0, 0.65e-3), id(bare): evaluation(0.0, near)}
     at.model = bare.model = SimpleNamespace(settings=PAPER)
-    monkeypatch.setattr(cause_naming, "certain", lambda *_: True)
-    monkeypatch.setattr(cause_naming, "beyond", lambda *_: [])
-    monkeypatch.setattr(cause_naming, "_rivals", lambda *_: {})
-    monkeypatch.setattr(cause_naming, "strains", lambda *_: False)
-    monkeypatch.setattr(cause_naming, "has_certainly_other_stiffness", lambda *_: False)
+    only_err_decides(monkeypatch)
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: nearest[id(at)])
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)
@@ -157,10 +156,7 @@ def test_what_comes_nearer_than_the_measurement_errs_is_judged_by_what_is_left(
     at, bare = evaluation(0.0, beside), evaluation(-350.0, without)
     at.model = bare.model = SimpleNamespace(settings=PAPER)
     at.err, bare.err = [np.full(9, beside)], [np.full(9, without)]
-    monkeypatch.setattr(cause_naming, "certain", lambda *_: True)
-    monkeypatch.setattr(cause_naming, "beyond", lambda *_: [])
-    monkeypatch.setattr(cause_naming, "_rivals", lambda *_: {})
-    monkeypatch.setattr(cause_naming, "strains", lambda *_: False)
+    only_err_decides(monkeypatch)
     monkeypatch.setattr(cause_naming, "has_certainly_other_stiffness", lambda *_: stiffer)
     monkeypatch.setattr(cause_naming, "taken_for_plain", lambda model, _: model)
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
@@ -174,11 +170,7 @@ def test_a_fit_without_a_cause_that_explains_less_than_the_set_up_has_gone_astra
     start = Start("hysteresis", {"moment": 0.1}, ("moment",), ("moment",), neutral=False)
     at, bare, setup = evaluation(0.0, 1e-3), evaluation(-900.0, 9e-3), evaluation(-40.0, 3e-3)
     at.model = bare.model = setup.model = SimpleNamespace(settings=PAPER)
-    monkeypatch.setattr(cause_naming, "certain", lambda *_: True)
-    monkeypatch.setattr(cause_naming, "beyond", lambda *_: [])
-    monkeypatch.setattr(cause_naming, "_rivals", lambda *_: {})
-    monkeypatch.setattr(cause_naming, "strains", lambda *_: False)
-    monkeypatch.setattr(cause_naming, "has_certainly_other_stiffness", lambda *_: False)
+    only_err_decides(monkeypatch)
     monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, wholly: 40.0)
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
@@ -210,11 +202,7 @@ def test_what_acts_in_one_recording_is_named_though_others_lie_farther_off(
     bare.err = [np.full(9, e) for e in (1.7e-3, 3.3e-3, 2.0e-3)]
     at.model = bare.model = SimpleNamespace(settings=PAPER)
     monkeypatch.setattr(Proposal, "from_nothing", property(lambda _: steady))
-    monkeypatch.setattr(cause_naming, "certain", lambda *_: True)
-    monkeypatch.setattr(cause_naming, "beyond", lambda *_: [])
-    monkeypatch.setattr(cause_naming, "_rivals", lambda *_: {})
-    monkeypatch.setattr(cause_naming, "strains", lambda *_: False)
-    monkeypatch.setattr(cause_naming, "has_certainly_other_stiffness", lambda *_: False)
+    only_err_decides(monkeypatch)
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)

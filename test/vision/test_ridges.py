@@ -9,7 +9,8 @@ import pytest
 
 from dlo_ros.vision.segmentation.ridge_filter import ALIKE, bars
 from dlo_ros.vision.segmentation.ridge_map import FLANK, ORIENTATIONS, map_ridges
-from dlo_ros.vision.tracing.ridge_tracing import _without_specks, find_chains
+from dlo_ros.vision.tracing.ridge_points import without_specks
+from dlo_ros.vision.tracing.ridge_tracing import find_chains
 
 WIDTH = 4.6
 
@@ -76,7 +77,7 @@ def test_points_that_cannot_make_a_chain_are_left_out():
     points = np.array([[2, 3], [2, 5], [3, 7], [5, 8], [9, 20], [11, 22], [11, 40]])
     order = np.lexsort((points[:, 1], points[:, 0]))
     rows, columns = points[order].T.copy()
-    kept = [_without_specks(rows, columns, (14, 50), least) for least in (1, 2, 4, 5)]
+    kept = [without_specks(rows, columns, (14, 50), least) for least in (1, 2, 4, 5)]
     assert [list(k) for k in kept] == [list(range(7)), list(range(6)), list(range(4)), []]
 
 

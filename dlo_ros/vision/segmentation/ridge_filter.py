@@ -72,7 +72,7 @@ def bars(
     down = across.copy()
     for k in range(len(across)):
         if across[k, 0] < 0:
-            down[k] = -across[k]
+            down[k, 0], down[k, 1] = -across[k, 0], -across[k, 1]
     reach = np.abs(across).max()
     contrast = np.empty((reach + 1, len(across), width + 2 * padding), dtype=np.float32)
     squares = np.empty((4, width), dtype=np.float32)
@@ -117,7 +117,8 @@ def _any_row(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The blocks that are searched in any of some rows."""
     result = np.zeros(blocks.shape[1], dtype=np.bool_)
     for row in range(len(blocks)):
-        result |= blocks[row]
+        for block in range(len(result)):
+            result[block] |= blocks[row, block]
     return result
 
 
