@@ -28,8 +28,9 @@ def ridge_points(
     stride = width + 2 * reach
     padded = np.zeros((height + 2 * reach, stride), dtype=np.float32)
     for y in range(height):
+        row, inner = strength[y], padded[y + reach, reach : reach + width]
         for x in range(width):
-            padded[y + reach, x + reach] = strength[y, x]
+            inner[x] = row[x]
     flat = padded.ravel()
     neighbours = np.zeros((ORIENTATIONS, 2), dtype=np.int64)
     next_to, along = np.zeros(ORIENTATIONS, dtype=np.int64), np.zeros(ORIENTATIONS, dtype=np.int64)
