@@ -87,7 +87,7 @@ def has_other_stiffness(model: ParametricModel, at: Evaluation, stds: float) -> 
 
 
 def has_certainly_other_stiffness(model: ParametricModel, at: Evaluation) -> bool:
-    """The same for certain, where the recordings may disagree about E / mu.
+    """Whether E / mu of another model is not that of a fit, however much the recordings disagree.
 
     A model whose laws are not the true ones fits each recording with another E / mu.
     """

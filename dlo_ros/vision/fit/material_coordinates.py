@@ -99,7 +99,7 @@ def find_ends(
             place = float(np.clip(tip.innermost, 0.0, last))
         if abs(place - before) * located.spacing >= SETTLED * located.width:
             settled = False
-            # What lies beside the end has drawn one of them aside: that one sees less of the DLO.
+            # A hole beside the end has drawn one course aside: less of the DLO is seen along it.
             further = continued(located, smooth, before, CONTINUED[0], from_start=start)
             rival = find_tip(image, located, further, before, beyond, from_start=start)
             if rival.likelihood.max() > tip.likelihood.max():

@@ -68,7 +68,7 @@ def bars(
     height, width = searched.shape
     strength = np.zeros((height, width), dtype=np.float32)
     orientation = np.zeros((height, width), dtype=np.int8)
-    # Of the two sides the one in a row below, so that the other one's row has been compared.
+    # The side in a row below is compared; the other side's row has been compared before.
     down = across.copy()
     for k in range(len(across)):
         if across[k, 0] < 0:
@@ -220,7 +220,7 @@ def _search_tones(
     which: NDArray[np.int8],
     squares: Float32,
 ) -> None:
-    """What differs from both sides here, ahead and behind is a bar of whatever colours."""
+    """Bars of changing colours: pixels that differ from both sides here, ahead and behind."""
     count, half = len(best), len(across) // 2
     left, right, span, weakest = (
         squares[0, :count],

@@ -45,8 +45,8 @@ def ridge_points(
         along[k] = stride * round(reach * normal[0]) - round(reach * normal[1])
         for step in range(reach + 1):
             aside[k, step] = round(step * normal[0]) + stride * round(step * normal[1])
-    # What is left of a row after each condition is listed without a branch, since none of them
-    # can be foreseen.
+    # Each condition's list of a row's columns is made without a branch, which no processor could
+    # foresee.
     left = np.empty(width, dtype=np.int64)
     for y in range(1, height - 1):
         begin = (y + reach) * stride + reach
