@@ -94,16 +94,14 @@ def find_ends(
         place = free_end(located, prolonged, start)
         for window in CONTINUED:
             before = place
-            own = continued(located, smooth, place, window, from_start=start)
-            tip = find_tip(image, located, own, place, beyond, from_start=start)
+            own, tip = _continued_to_tip(image, located, smooth, place, window, beyond, start)
             place = float(np.clip(tip.innermost, 0.0, last))
         if abs(place - before) * located.spacing >= SETTLED * located.width:
             settled = False
             # A hole beside the end has drawn one course aside: less of the DLO is seen along it.
-            further = continued(located, smooth, before, CONTINUED[0], from_start=start)
-            rival = find_tip(image, located, further, before, beyond, from_start=start)
-            if rival.likelihood.max() > tip.likelihood.max():
-                own, tip = further, rival
+            rival = _continued_to_tip(image, located, smooth, before, CONTINUED[0], beyond, start)
+            if rival[1].likelihood.max() > tip.likelihood.max():
+                own, tip = rival
                 place = float(np.clip(tip.innermost, 0.0, last))
         part = slice(None, round(place)) if start else slice(round(place), None)
         course[part] = own[part]
@@ -117,6 +115,15 @@ def find_ends(
     outer = [k * last if tip is None else tip.visible for k, tip in enumerate(tips)]
     visible = _arc_at(arc, np.array(outer))
     return replace(found, visible=float(visible[1] - visible[0]), settled=settled)
+
+
+def _continued_to_tip(
+    image: Image, located: Located, smooth: FloatArray, place: float,
+    window: tuple[float, float], beyond: float, start: bool,
+) -> tuple[FloatArray, Tip]:  # fmt: skip
+    """The course that a part of the DLO predicts near an end, and the likelihood of that end."""
+    course = continued(located, smooth, place, window, from_start=start)
+    return course, find_tip(image, located, course, place, beyond, from_start=start)
 
 
 def locate_ends(

@@ -295,10 +295,14 @@ class PathSearch:
             bridge(ends.positions[k], ends.directions[k], ends.positions[j], -ends.directions[j])
         )
 
+    @property
+    def _free(self) -> bool:
+        """Whether both ends are free: a path backwards is the same path then."""
+        return self.start is None and self.end is None
+
     def _differ(self, one: _Partial, other: _Partial) -> bool:
         """Whether two paths run differently, and not only through other pieces of one course."""
-        free = self.start is None and self.end is None
-        if free and other.chains == tuple(state ^ 1 for state in reversed(one.chains)):
+        if self._free and other.chains == tuple(state ^ 1 for state in reversed(one.chains)):
             return False  # the same pieces backwards
         a, b = (self._path(0.0, partial) for partial in (one, other))
         if not self._follows(a.points, b.points):
@@ -311,8 +315,7 @@ class PathSearch:
 
     def _follows(self, points: FloatArray, other: FloatArray) -> bool:
         """Whether two courses, shapes (m, 2), are one."""
-        free = self.start is None and self.end is None
-        return distance(points, other, either_way=free) <= DIFFERENT * self.bars.width
+        return distance(points, other, either_way=self._free) <= DIFFERENT * self.bars.width
 
     def _path(self, cost: float, partial: _Partial) -> Path:
         pieces: list[FloatArray] = []
