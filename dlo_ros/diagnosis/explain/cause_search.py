@@ -24,6 +24,7 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     fitted,
 )
 from dlo_ros.diagnosis.explain.certainty import far_off, tolerances_off
+from dlo_ros.diagnosis.explain.far_starts import best_far_start
 from dlo_ros.diagnosis.explain.measurement_error import own_err
 from dlo_ros.diagnosis.explain.offered_effects import Offer, offered, ranked_proposals
 from dlo_ros.diagnosis.proposals.linear_evidence import (
@@ -112,7 +113,10 @@ def search(
         least = np.inf
         if causes and not _matters(at, recordings, enough):
             least = (1.0 - LOWERS) * nearest_err(at, recordings)
-        instead = begun_instead(at, recordings, [b for b in begun if b.effect not in known])
+        new = [b for b in begun if b.effect not in known]
+        if first is None and len(causes) == 1 and _matters(at, recordings, enough):
+            first = _far_beside(at, causes[0], recordings, new)
+        instead = begun_instead(at, recordings, new)
         found, steps = best_trial(number, at, offers, recordings, least, instead)
         if first is not None:
             found = best_with(first, found, at, recordings)
@@ -149,6 +153,20 @@ def search(
         if little and number > 1:
             break
     return Search(at, tuple(causes), tuple(trace), offer)
+
+
+def _far_beside(
+    at: Evaluation, cause: Proposal, recordings: Sequence[Recording], begun: Sequence[Start]
+) -> Trial | None:
+    """The best fit of what begins far away beside a first cause, and a set-up at neutral.
+
+    A mass that outweighs a DLO that hits a wall comes no nearer to the shapes while there is no
+    wall. None where the first cause has begun far away itself.
+    """
+    if cause.start is not None and cause.start.afar:
+        return None
+    of_set_up = [p.name for p in at.model.parameters if p.tolerated and p not in cause.parameters]
+    return best_far_start(at, at.model.centred(of_set_up), recordings, begun)
 
 
 def _matters(at: Evaluation, recordings: Sequence[Recording], enough: float) -> bool:

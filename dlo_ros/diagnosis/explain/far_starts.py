@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 
 from dlo_ros.diagnosis.explain.candidate_trials import Trial, best_gain
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_proposals
@@ -28,20 +29,36 @@ FITTED = 2
 
 
 def best_far_start(
-    at: Evaluation, meant: ParametricModel, recordings: Sequence[Recording],
-    begun: Sequence[Start], plain_err: float,
-) -> Trial | None:  # fmt: skip
+    at: Evaluation, meant: ParametricModel, recordings: Sequence[Recording], begun: Sequence[Start]
+) -> Trial | None:
     """The best fit from far away, if it is worth it.
 
     Args:
         at: the set-up within its tolerances, fitted, over which it must gain.
-        meant: the same with the set-up at neutral, and the plain model's material.
+        meant: the same with the set-up at neutral; where an effect brings it no nearer to the
+            shapes, that is not fitted.
         begun: effects that might be added; those that begin far away are tried.
-        plain_err: ERR of the plain model [m], beside the same neutral set-up: what is no nearer
-            with the effect is not fitted.
     """
+    afar = [s for s in begun if s.afar]
+    there = _nearer_with(meant, recordings, afar)
+    found = [_settled(*row, recordings) for row in there[:FITTED]]
+    best = best_gain([trial for trial in found if trial is not None], at, recordings)
+    if best is None:
+        return None
+    return best_gain([best, *_in_its_place(best, recordings, afar)], at, recordings)
+
+
+def _nearer_with(
+    meant: ParametricModel, recordings: Sequence[Recording], afar: Sequence[Start]
+) -> list[tuple[ParametricModel, Proposal]]:
+    """Models that lie nearer to the shapes with an effect than without it, the nearest first."""
+    try:
+        plain_err = simulate(meant, recordings, ()).mean_err
+    except SimulationError as reason:
+        LOG.info("with the set-up at neutral: %s", reason)
+        return []
     there: list[tuple[float, ParametricModel, Proposal]] = []
-    for start in (s for s in begun if s.afar):
+    for start in afar:
         proposal = proposal_of(meant.settings, start)
         model, _ = with_proposals(meant, [proposal])
         for factor in FACTORS:
@@ -53,11 +70,35 @@ def best_far_start(
                 continue
             if err < plain_err:
                 there.append((err, begins, proposal))
-    there.sort(key=lambda row: row[0])
-    found: list[Trial] = []
-    for _, begins, proposal in there[:FITTED]:
-        try:
-            found.append((settled(evaluate(begins, recordings), recordings), proposal))
-        except SimulationError as reason:
-            LOG.info("%s: %s", proposal.label, reason)
-    return best_gain(found, at, recordings)
+    return [row[1:] for row in sorted(there, key=lambda row: row[0])]
+
+
+def _in_its_place(
+    trial: Trial, recordings: Sequence[Recording], afar: Sequence[Start]
+) -> list[Trial]:
+    """Fits of other effects, as large, in the place of one that began far away.
+
+    A plug does nearly what a mass does, and E and damping are near its own beside the mass.
+    """
+    at, proposal = trial
+    size = at.model.settings.effects[proposal.effect]
+    bare = at.model.without([p.name for p in proposal.parameters])
+    begun: list[Start] = []
+    for start in (s for s in afar if s.effect != proposal.effect):
+        block = {key: size.get(key, value) for key, value in start.block.items()}
+        if all(block != other.block for other in begun):
+            begun.append(replace(start, block=block))
+    proposals = [proposal_of(bare.settings, start) for start in begun]
+    found = [_settled(with_proposals(bare, [p])[0], p, recordings) for p in proposals]
+    return [other for other in found if other is not None]
+
+
+def _settled(
+    begins: ParametricModel, proposal: Proposal, recordings: Sequence[Recording]
+) -> Trial | None:
+    """The fit of a beginning; None where it cannot be simulated."""
+    try:
+        return settled(evaluate(begins, recordings), recordings), proposal
+    except SimulationError as reason:
+        LOG.info("%s: %s", proposal.label, reason)
+        return None

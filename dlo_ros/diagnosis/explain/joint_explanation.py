@@ -385,7 +385,7 @@ def _beginning(
     setup, recordings = prepared.setup, prepared.recordings
     firsts = [contact.trial if contact is not None else None]
     if setup.mean_err > enough:
-        far = best_far_start(setup, prepared.meant, recordings, begun, prepared.plain_err)
+        far = best_far_start(setup, prepared.meant, recordings, begun)
         bare = without(*far, recordings) if far is not None else None
         if far is not None and bare is not None and not gains(far, bare):
             # The cause was the way to another minimum, in which the set-up needs none.
