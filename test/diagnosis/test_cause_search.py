@@ -56,6 +56,7 @@ def without_simulations(monkeypatch, own_err):
     monkeypatch.setattr(joint_fit, "approached", lambda at, *_: at)
     monkeypatch.setattr(cause_search, "_strained", lambda *_: [])
     monkeypatch.setattr(cause_search, "_offers_beside", lambda *_: [])
+    monkeypatch.setattr(cause_search, "_far_beside", lambda *_: None)
 
 
 def test_the_search_ends_with_a_cause_that_takes_too_little_away_to_be_named(monkeypatch):
@@ -92,6 +93,26 @@ def test_what_was_hit_competes_with_the_other_causes(monkeypatch, evidence, firs
     assert [c.label for c in found.causes] == [first, "delay"]
     outcome = "added" if first == "peg" else "fitted, but another gains more"
     assert [s.outcome for s in found.trace if s.name == "peg"] == [outcome]
+
+
+@pytest.mark.parametrize(("left", "causes"), [(2e-3, ["wall", "plug"]), (0.4e-3, ["wall"])])
+def test_what_begins_far_away_is_looked_for_beside_a_first_cause(monkeypatch, left, causes):
+    """Where that leaves something, and once."""
+    without_simulations(monkeypatch, 1e-3)
+    wall, plug = (SimpleNamespace(label=n, effect=n, start=object()) for n in ("wall", "plug"))
+    trials = iter([(evaluation(90.0, left), wall), None, None])
+    monkeypatch.setattr(cause_search, "best_trial", lambda *_: (next(trials), []))
+    beside = iter([(evaluation(150.0, 1.5e-3), plug)])
+    monkeypatch.setattr(cause_search, "_far_beside", lambda *_: next(beside))
+    found = cause_search.search(evaluation(0.0, 9e-3), None, (), (), 0.5e-3)
+    assert [c.label for c in found.causes] == causes
+    assert [s.name for s in found.trace] == causes[1:]
+
+
+def test_nothing_begins_far_away_beside_what_has_begun_so_itself():
+    afar = Start("point_mass", {"mass": 0.01}, (), ("mass",), neutral=False)
+    mass = SimpleNamespace(start=afar, parameters=())
+    assert cause_search._far_beside(None, mass, (), [afar]) is None
 
 
 def test_a_contact_that_explains_all_that_matters_competes_as_well(monkeypatch):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dlo_ros.cli.loading import load_manipulation
-from dlo_ros.diagnosis.explain.far_starts import best_far_start
+from dlo_ros.diagnosis.explain.far_starts import best_far_start, in_its_place
 from dlo_ros.diagnosis.explain.joint_explanation import prepare
 from dlo_ros.effects import starts
 from dlo_ros.identification.estimate import searchable
@@ -27,10 +27,12 @@ CABLE = {
     "damping": {"air_drag": 0.05, "relaxation_time": 0.05},
     "camera": {"translation": [0.0, 0.0, 1.6]},
 }  # fmt: skip
-WEIGHT = 1.5 * CABLE["rod"]["density"] * np.pi / 4 * CABLE["rod"]["diameter"] ** 2 * LENGTH
+LOAD = 1.5 * CABLE["rod"]["density"] * np.pi / 4 * CABLE["rod"]["diameter"] ** 2 * LENGTH
+WEIGHT = {"point_mass": {"mass": LOAD, "position": LENGTH}}
+PLUG = {"connector": {"mass": LOAD, "extent": 0.1 * LENGTH}}
 
 
-def turned(sign, **effects):
+def turned(sign, effects):
     """The cable hangs from a flange, which turns it through some poses."""
     points = [{"time": 0.0, "position": [0.0, 0.0, 0.0], "angle": -np.pi / 2}]
     for k, angle in enumerate(ANGLES):
@@ -38,7 +40,6 @@ def turned(sign, **effects):
             points.append(
                 {"time": time, "position": [0.0, 0.0, 0.0], "angle": sign * angle - np.pi / 2}
             )
-    effects = {"point_mass": {"mass": WEIGHT, "position": LENGTH}} | effects
     return {
         "parameters": CABLE | {"effects": effects},
         "duration": 1.5 * len(ANGLES), "camera": {"rate": 10.0}, "motion": {"start": points},
@@ -46,11 +47,11 @@ def turned(sign, **effects):
     }  # fmt: skip
 
 
-def prepared(folder, **effects):
-    """The set-up's fit to recordings of a weight that the parameter file does not name."""
+def prepared(folder, effects):
+    """The set-up's fit to recordings of effects that the parameter file does not name."""
     bags = []
     for name, sign in (("left", 1.0), ("right", -1.0)):
-        made = read_experiment(turned(sign, **effects), name, "turned.yaml")
+        made = read_experiment(turned(sign, effects), name, "turned.yaml")
         synthesize(made, folder / name, images=False, edges=80, step=2e-3)
         bags.append(folder / name)
     tree = copy.deepcopy(CABLE)
@@ -64,13 +65,13 @@ def prepared(folder, **effects):
 @pytest.fixture(scope="module")
 def turning(tmp_path_factory):
     """A straight cable."""
-    return prepared(tmp_path_factory.mktemp("turning"))
+    return prepared(tmp_path_factory.mktemp("turning"), WEIGHT)
 
 
 @pytest.fixture(scope="module")
 def crooked(tmp_path_factory):
     """A cable in a crooked grip, so that everything begins far from the shapes."""
-    return prepared(tmp_path_factory.mktemp("crooked"), clamp_angle={"start": 0.06})
+    return prepared(tmp_path_factory.mktemp("crooked"), WEIGHT | {"clamp_angle": {"start": 0.06}})
 
 
 @pytest.mark.slow
@@ -79,16 +80,34 @@ def test_a_heavy_weight_is_found_with_the_stiffness_that_goes_with_it(cable, req
     turning = request.getfixturevalue(cable)
     alone = turning.setup
     assert alone.mean_err > 2e-3
-    found = best_far_start(
-        alone, turning.meant, turning.recordings, starts(turning.scene), turning.plain_err
-    )
+    found = best_far_start(alone, turning.meant, turning.recordings, starts(turning.scene))
     assert found is not None
     at, proposal = found
     assert proposal.effect in ("point_mass", "connector")
     assert at.mean_err < 0.3 * alone.mean_err
     mass = at.model.settings.effects[proposal.effect]["mass"]
-    assert 0.5 * WEIGHT < mass < 2.0 * WEIGHT  # the stiffness and the mass nearly trade
+    assert 0.5 * LOAD < mass < 2.0 * LOAD  # the stiffness and the mass nearly trade
     assert 1.5e7 < at.model.settings.rod.young_modulus < 6e7
+
+
+@pytest.mark.slow
+def test_a_heavy_plug_is_no_mass(tmp_path):
+    plugged = prepared(tmp_path, PLUG)
+    _, proposal = best_far_start(
+        plugged.setup, plugged.meant, plugged.recordings, starts(plugged.scene)
+    )
+    assert proposal.effect == "connector"
+
+
+@pytest.mark.slow
+def test_what_a_mass_does_a_plug_as_heavy_does_too(turning):
+    """It begins where the fit of the mass has ended, from a place to which no plug's fit came."""
+    afar = [s for s in starts(turning.scene) if s.afar]
+    masses = [s for s in afar if s.effect == "point_mass"]
+    trial = best_far_start(turning.setup, turning.meant, turning.recordings, masses)
+    others = in_its_place(trial, turning.recordings, afar)
+    assert {proposal.effect for _, proposal in others} == {"connector"}
+    assert min(at.mean_err for at, _ in others) < 0.3 * turning.setup.mean_err
 
 
 def test_a_fit_with_correlated_errors_does_not_leave_the_shapes(turning):

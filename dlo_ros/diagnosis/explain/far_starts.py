@@ -45,7 +45,7 @@ def best_far_start(
     best = best_gain([trial for trial in found if trial is not None], at, recordings)
     if best is None:
         return None
-    return best_gain([best, *_in_its_place(best, recordings, afar)], at, recordings)
+    return best_gain([best, *in_its_place(best, recordings, afar)], at, recordings)
 
 
 def _nearer_with(
@@ -73,7 +73,7 @@ def _nearer_with(
     return [row[1:] for row in sorted(there, key=lambda row: row[0])]
 
 
-def _in_its_place(
+def in_its_place(
     trial: Trial, recordings: Sequence[Recording], afar: Sequence[Start]
 ) -> list[Trial]:
     """Fits of other effects, as large, in the place of one that began far away.
