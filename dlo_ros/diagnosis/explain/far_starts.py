@@ -45,7 +45,7 @@ def best_far_start(
     best = best_gain([trial for trial in found if trial is not None], at, recordings)
     if best is None:
         return None
-    return best_gain([best, *in_its_place(best, recordings, afar)], at, recordings)
+    return best_gain(in_its_place(best, recordings, afar), best[0], recordings) or best
 
 
 def _nearer_with(
