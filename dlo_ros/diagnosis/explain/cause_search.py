@@ -110,11 +110,11 @@ def search(
         offers = [(at, _new(ranked_proposals(at, offer), known))]
         if not causes and _strained(at, (), ()) and _matters(at, recordings, enough):
             offers += _offers_beside(neutral, recordings, begun, offer)
+        new = [b for b in begun if b.effect not in known]
         least = np.inf
         if causes and not _matters(at, recordings, enough):
             least = (1.0 - LOWERS) * nearest_err(at, recordings)
-        new = [b for b in begun if b.effect not in known]
-        if first is None and len(causes) == 1 and _matters(at, recordings, enough):
+        elif first is None and len(causes) == 1:
             first = _far_beside(at, causes[0], recordings, new)
         instead = begun_instead(at, recordings, new)
         found, steps = best_trial(number, at, offers, recordings, least, instead)
