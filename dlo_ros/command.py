@@ -140,10 +140,8 @@ class Command:
         Args:
             angle: [rad].
         """
-        clamps = [k for k, name in enumerate(self.names) if name in (START, END)]
-        q = self.rotations[:, clamps]
-        q = q / np.linalg.norm(q, axis=2, keepdims=True)
-        cosine = np.abs(np.einsum("tkc,tkc->tk", q[1:], q[:-1]))
+        q = self._clamp_rotations()
+        cosine = np.einsum("tkc,tkc->tk", q[1:], q[:-1])
         turned = 2.0 * np.arccos(np.minimum(cosine, 1.0)).max(axis=1, initial=0.0)
         parts = np.maximum(np.ceil(turned / angle - 1e-6), 1.0).astype(int)
         if parts.sum() == len(parts):
@@ -202,6 +200,41 @@ class Command:
         moved = np.linalg.norm(np.diff(self.positions, axis=0), axis=2).sum(axis=1)
         return np.concatenate([[0.0], np.cumsum(moved)])
 
+    def corners(self, size: float, reach: float) -> FloatArray:
+        """Times [s] at which the motion bends so sharply that it is no smooth one.
+
+        Args:
+            size: largest distance of a polyline from a smooth curve through its points, so that
+                their kinks are none [m].
+            reach: distance from a clamp at which its direction counts [m].
+        """
+        moved, turned = self._kinks
+        corners: FloatArray = self.times[(moved > size) | (reach * turned > size)]
+        return corners
+
+    @cached_property
+    def _kinks(self) -> tuple[FloatArray, FloatArray]:
+        """Distances from a smooth motion by the kink at each point, in m and rad, shape (T,)."""
+        h = np.diff(self.times)
+        slope = np.diff(self.positions, axis=0) / h[:, None, None]
+        given = np.isfinite(self.velocities[1:] + self.velocities[:-1])
+        smooth = given.all(axis=2, keepdims=True)
+        arriving = np.where(smooth, self.velocities[1:], slope)
+        leaving = np.where(smooth, self.velocities[:-1], slope)
+        turning = 2.0 * np.diff(self._clamp_rotations(), axis=0) / h[:, None, None]
+        shorter = np.minimum(np.append(h, np.inf), np.append(np.inf, h))
+        shorter[np.isinf(shorter)] = 0.0  # there is one point alone
+        return _jumps(arriving, leaving) * shorter / 8.0, _jumps(turning, turning) * shorter / 8.0
+
+    def _clamp_rotations(self) -> FloatArray:
+        """Unit quaternions of the clamps without jumps of their signs, shape (T, C, 4)."""
+        clamps = [k for k, name in enumerate(self.names) if name in (START, END)]
+        q: FloatArray = self.rotations[:, clamps]
+        q = q / np.linalg.norm(q, axis=2, keepdims=True)
+        back = np.einsum("tkc,tkc->tk", q[1:], q[:-1]) < 0.0
+        q[1:] *= np.cumprod(np.where(back, -1.0, 1.0), axis=0)[..., None]
+        return q
+
     @property
     def progress(self) -> FloatArray:
         """Share of `whole_path`, and of the commands' before, that is travelled, shape (T,)."""
@@ -218,6 +251,19 @@ class Command:
     def end_stamp(self) -> int:
         """Stamp [ns] after which the values hold."""
         return self.stamp + round(float(self.times[-1]) * NANOSECONDS)
+
+
+def _jumps(arriving: FloatArray, leaving: FloatArray) -> FloatArray:
+    """Largest jump of a velocity at each of T points, before and after which all rests, shape (T,).
+
+    Args:
+        arriving, leaving: velocities at the end and the beginning of each of the ways between,
+            shape (T - 1, K, ...).
+    """
+    none = np.zeros((1, *leaving.shape[1:]))
+    jump = np.concatenate([leaving, none]) - np.concatenate([none, arriving])
+    largest: FloatArray = np.linalg.norm(jump, axis=2).max(axis=1, initial=0.0)
+    return largest
 
 
 _FIELDS = tuple(f.name for f in fields(Command))

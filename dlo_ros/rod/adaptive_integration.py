@@ -27,22 +27,25 @@ after a step between the two, of nanoseconds, the error control would have to be
 
 
 @njit(from_python=False)
-def next_stop(times, now, stop):
+def next_stop(corners, now, stop):
     """The next corner of the imposed motion, or the stop itself."""
-    after = np.searchsorted(times, now + SAME_TIME, side="right")
-    if after < times.size and times[after] < stop - SAME_TIME:
-        return times[after]
+    after = np.searchsorted(corners, now + SAME_TIME, side="right")
+    if after < corners.size and corners[after] < stop - SAME_TIME:
+        return corners[after]
     return stop
 
 
 @linked(from_python=True)
-def march(rod, state, stops, tolerance, newton, varying, shapes, speeds, twists, derivatives):
+def march(
+    rod, state, corners, stops, tolerance, newton, varying, shapes, speeds, twists, derivatives
+):
     """Integrate to a series of times.
 
     Args:
         rod: a `PreparedRod`, with the variants of P parameters.
         state: state at the start; holds the state at the end afterwards (where it fails: the last
             good one).
+        corners: times [s] at which the imposed motion bends more sharply than a step may pass by.
         stops: times [s] from the command's start, growing, (S,).
         tolerance: error that one step may add [m], in the mean over the rod.
         newton: error that Newton's method may leave, of L.
@@ -57,10 +60,10 @@ def march(rod, state, stops, tolerance, newton, varying, shapes, speeds, twists,
     system, imposed = rod.system, rod.imposed
     steps, count = 0, derivatives.shape[1]
     new = another(state)
-    clock, times = state.clock, imposed.times[0]
+    clock = state.clock
     for k in range(stops.size):
         while clock[TIME] < stops[k] - 1e-12:
-            limit = next_stop(times, clock[TIME], stops[k])
+            limit = next_stop(corners, clock[TIME], stops[k])
             remaining = limit - clock[TIME]
             proposal = clock[NEXT] if clock[NEXT] > 0.0 else FIRST_STEP
             pieces = max(1.0, np.ceil(remaining / proposal * 0.999))

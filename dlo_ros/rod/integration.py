@@ -78,8 +78,9 @@ def integrate(
     derivatives = np.empty((len(times), len(parameters), *moving.q.shape))
     tolerance = STEP_SHARE * model.settings.simulation.tolerance * model.basis.length
     newton = NEWTON_SHARE * tolerance / model.basis.length
+    corners = true.corners(tolerance, model.basis.length)
     status, steps = adaptive_integration.march(
-        rod.prepared, moving, times, tolerance, newton, varying, shapes, speeds, twists,
+        rod.prepared, moving, corners, times, tolerance, newton, varying, shapes, speeds, twists,
         derivatives,
     )  # fmt: skip
     if status == NO_DIRECTION:

@@ -8,7 +8,7 @@ import pytest
 from rods import PAPER, SECOND, Nothing, command, dense_stiffness, held_start, straight
 from scipy.linalg import eigh
 
-from dlo_ros.command import Motion
+from dlo_ros.command import Command, Motion
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import DampingParameters
@@ -131,6 +131,7 @@ def test_sensitivities_of_a_motion_agree_with_differences(monkeypatch):
     monkeypatch.setattr(dynamics, "in_lanes", lambda *_: False)
     monkeypatch.setattr(integration, "STEP_SHARE", 1e3)
     monkeypatch.setattr(integration, "NEWTON_SHARE", 1e-11)
+    monkeypatch.setattr(Command, "corners", lambda command, *_: command.times)
     settings = tolerant(PAPER, 0.1)
     imposed = command(
         ["start", "control_point_10"], [0.0, 0.4],

@@ -8,7 +8,7 @@ import pytest
 from ordinary import some_of
 from rods import PAPER, SECOND, command
 
-from dlo_ros.command import Motion
+from dlo_ros.command import Command, Motion
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
 from dlo_ros.rod import integration, sensitivity_parameters
@@ -210,6 +210,7 @@ def same_steps(monkeypatch):
     monkeypatch.setattr(integration, "STEP_SHARE", 1e3)
     monkeypatch.setattr(integration, "NEWTON_SHARE", 1e-11)
     monkeypatch.setattr(parameter_sets, "NEWTON_SHARE", 1e-11)
+    monkeypatch.setattr(Command, "corners", lambda command, *_: command.times)
 
 
 @pytest.mark.parametrize("space", some_of([False, True], [False]), ids=["plane", "space"])

@@ -55,6 +55,10 @@ class Nothing:
     rotations = np.zeros((1, 0, 4))
     off_plane, turns_in_plane, progress = 0.0, True, np.zeros(1)
 
+    @staticmethod
+    def corners(size: float, reach: float) -> np.ndarray:
+        return np.zeros(0)
+
 
 def straight(model: RodModel, direction=(1.0, 0.0, 0.0)) -> State:
     """A straight rod at rest."""

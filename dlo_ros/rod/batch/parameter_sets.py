@@ -153,11 +153,12 @@ class ParameterSets:
         velocities = rows(len(clock), len(times) if speeds else 0, layout.place[1])
         status = np.empty((len(clock), 2), np.int64)
         twists = rows(len(clock), len(times), 0 if flat else len(states[0].strains.stretch))
+        corners = command.corners(self._accuracy[0], length)
         march(
             layout.sets, layout.tables, self.boundary.imposed(command), frames, motion,
-            layout.place, layout.room, clock, self.boundary.reach * lengthening, length, times,
-            *self._accuracy,
-            NO_PARAMETERS, shapes, velocities, twists, rows(len(times), 0, 0), status,
+            layout.place, layout.room, clock, self.boundary.reach * lengthening, length, corners,
+            times, *self._accuracy, NO_PARAMETERS, shapes, velocities, twists,
+            rows(len(times), 0, 0), status,
         )  # fmt: skip
         if np.any(status[:, 0] == NO_DIRECTION):
             raise CommandError(NO_DIRECTION_TEXT)

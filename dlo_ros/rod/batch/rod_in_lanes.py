@@ -75,9 +75,10 @@ class RodInLanes:
         if before is not None:
             v.frames[...], v.increments[...] = before.frames, 0.0
             changed = _copied(before)
+        corners = command.corners(self._accuracy[0], self._length)
         status, steps = single_rod.march(
             self._prepared, self._boundary.imposed(command), clock, frames, moved, changed,
-            self._length, times, *self._accuracy, shapes, velocities, twists, derivatives,
+            self._length, corners, times, *self._accuracy, shapes, velocities, twists, derivatives,
         )  # fmt: skip
         if status == NO_DIRECTION:
             raise CommandError(NO_DIRECTION_TEXT)

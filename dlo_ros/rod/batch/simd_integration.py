@@ -36,8 +36,8 @@ from dlo_ros.rod.solve.integrator_state import assign
 
 
 @linked(from_python=True)
-def march(sets, tables, imposed, frames, motion, place, room, clock, reach, limit, stops, tolerance,
-          newton, variations, shapes, speeds, twists, derivatives, status):  # fmt: skip
+def march(sets, tables, imposed, frames, motion, place, room, clock, reach, limit, corners, stops,
+          tolerance, newton, variations, shapes, speeds, twists, derivatives, status):  # fmt: skip
     """Integrate all sets to a series of times, one group of LANES after the other.
 
     Args:
@@ -47,7 +47,7 @@ def march(sets, tables, imposed, frames, motion, place, room, clock, reach, limi
         clock: time from the command's start, last and next step [s], carried along, (C, 3).
         reach: distance of the second control point from an end [m].
         limit: moves of a control point beyond this are taken as divergence [m].
-        stops: times [s] from the command's start, growing, (S,).
+        corners, stops: see `adaptive_integration.march`.
         tolerance: error that one step may add [m], in the mean over the rod.
         newton: convergence of Newton's method [m].
         variations: those of no parameter, see `single_rod`.
@@ -64,7 +64,7 @@ def march(sets, tables, imposed, frames, motion, place, room, clock, reach, limi
         tensions(state.stretch, group.law, common, state.tension)
         status[c, 0], status[c, 1] = march_group(
             group, common, imposed, frames[c], state, space, room.target, clock[c], reach, limit,
-            stops, tolerance, newton, place, variations, shapes[c], speeds[c], twists[c],
+            corners, stops, tolerance, newton, place, variations, shapes[c], speeds[c], twists[c],
             derivatives,
         )  # fmt: skip
 
@@ -84,9 +84,9 @@ def room_addresses(room):
 
 
 @linked()
-def march_group(sets, tables, imposed, frames, motion, room, target, clock, reach, limit, stops,
-                 tolerance, newton, place, variations, shapes, speeds, twists,
-                 derivatives):  # fmt: skip
+def march_group(sets, tables, imposed, frames, motion, room, target, clock, reach, limit, corners,
+                stops, tolerance, newton, place, variations, shapes, speeds, twists,
+                derivatives):  # fmt: skip
     """Integrate one group; `adaptive_integration.march` says how steps are chosen."""
     steps, pace = 0, UNKNOWN
     theta, pins, tried = np.zeros(2), np.zeros((0, 3)), frames.copy()
@@ -94,7 +94,7 @@ def march_group(sets, tables, imposed, frames, motion, room, target, clock, reac
     groups, corner, varied_at_rest = derivatives.shape[1], last_corner(variations.imposed), False
     for k in range(stops.size):
         while clock[0] < stops[k] - 1e-12:
-            end = next_stop(imposed.times, clock[0], stops[k])
+            end = next_stop(corners, clock[0], stops[k])
             remaining = end - clock[0]
             proposal = clock[2] if clock[2] > 0.0 else FIRST_STEP
             h = remaining / max(1.0, np.ceil(remaining / proposal * 0.999))

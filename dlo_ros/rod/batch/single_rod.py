@@ -132,8 +132,8 @@ def _write(rows, flat, place, states):
 
 
 @linked(from_python=True)
-def march(rod, imposed, clock, frames, state, change, limit, stops, tolerance, newton, shapes,
-          speeds, twists, derivatives):  # fmt: skip
+def march(rod, imposed, clock, frames, state, change, limit, corners, stops, tolerance, newton,
+          shapes, speeds, twists, derivatives):  # fmt: skip
     """Integrate to a series of times.
 
     Args:
@@ -142,7 +142,7 @@ def march(rod, imposed, clock, frames, state, change, limit, stops, tolerance, n
         clock, frames: see `IntegratorState`; they become those at the end.
         state: `StackedState` of the rod alone; becomes that at the end.
         change: `StackedState` of its derivatives, likewise.
-        limit, tolerance, newton: see `simd_integration.march`.
+        limit, corners, tolerance, newton: see `simd_integration.march`.
         stops: times [s] from the command's start, growing, (S,).
         shapes: output, control points, (S, n, 4).
         speeds: output, their velocities, likewise; (0, n, 4) where they are not wanted.
@@ -169,7 +169,8 @@ def march(rod, imposed, clock, frames, state, change, limit, stops, tolerance, n
     varied = np.empty((count, groups, size, LANES))
     status, steps = march_group(
         sets, tables, imposed, carried, motion, room_addresses(rod.room), rod.room.target, clock,
-        rod.reach, limit, stops, tolerance, newton, place, v, moved, speed, twisted, varied,
+        rod.reach, limit, corners, stops, tolerance, newton, place, v, moved, speed, twisted,
+        varied,
     )  # fmt: skip
     if status != DONE:
         return status, steps
