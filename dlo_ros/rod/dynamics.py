@@ -50,6 +50,7 @@ def follow(
     parameters: Sequence[str] = (),
     *,
     speeds: bool = False,
+    stepwise: bool = False,
 ) -> Track:
     """Integrate through stamps with steps that keep the error within simulation.tolerance.
 
@@ -59,6 +60,8 @@ def follow(
         parameters: parameters whose sensitivities are wanted, see `sensitivity_parameters`; those
             of the state are propagated.
         speeds: whether the velocities at the stamps are wanted.
+        stepwise: whether every stamp ends a step, as accelerations from velocities need; else the
+            motion is interpolated within longer steps.
 
     Raises:
         SimulationError: a step does not converge however small it is.
@@ -67,11 +70,15 @@ def follow(
     true = true_command(model, command)
     flat = in_plane(model, state, true, parameters)
     rod = rod_in_lanes(model, boundary, command, parameters, flat=flat)
-    track = None if rod is None else rod.follow(state, true, stamps, speeds=speeds)
+    track = (
+        None if rod is None else rod.follow(state, true, stamps, speeds=speeds, stepwise=stepwise)
+    )
     if track is not None:
         return track
     try:
-        return integrate(model, boundary, state, command, stamps, parameters, flat=flat)
+        return integrate(
+            model, boundary, state, command, stamps, parameters, flat=flat, stepwise=stepwise
+        )
     except ZeroDivisionError as err:  # coinciding points
         raise SimulationError(str(err)) from err
 

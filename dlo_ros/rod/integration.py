@@ -59,11 +59,13 @@ def integrate(
     parameters: Sequence[str] = (),
     *,
     flat: bool,
+    stepwise: bool = False,
 ) -> Track:
     """Integration of one rod through instants, see `dynamics.follow`.
 
     Args:
         flat: whether everything lies in the plane y = 0.
+        stepwise: whether every stamp ends a step.
     """
     true = true_command(model, command)
     rod = compiled(model, boundary, command, parameters, flat=flat)
@@ -76,9 +78,13 @@ def integrate(
     shapes, speeds = (np.empty((len(times), *moving.q.shape)) for _ in range(2))
     twists = np.empty((0, 0) if flat else (len(times), len(moving.stretch)))
     derivatives = np.empty((len(times), len(parameters), *moving.q.shape))
-    tolerance = STEP_SHARE * model.settings.simulation.tolerance * model.basis.length
-    newton = NEWTON_SHARE * tolerance / model.basis.length
-    corners = true.corners(tolerance, model.basis.length)
+    length = model.basis.length
+    allowed = model.settings.simulation.tolerance * length
+    tolerance = STEP_SHARE * allowed
+    newton = NEWTON_SHARE * tolerance / length
+    corners = true.corners(allowed, length)
+    if stepwise:
+        corners = np.union1d(corners, times)
     status, steps = adaptive_integration.march(
         rod.prepared, moving, corners, times, tolerance, newton, varying, shapes, speeds, twists,
         derivatives,

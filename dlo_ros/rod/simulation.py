@@ -241,7 +241,7 @@ class Simulation(RodSimulation):
             for leg in [stops] if together else [[s] for s in stops]:
                 before, several = state, len(leg) > 1
                 asked = (model, boundary, state, command, leg, self._rod_parameters)
-                track = dynamics.follow(*asked, speeds=fast and several)
+                track = dynamics.follow(*asked, speeds=fast and several, stepwise=self._loads)
                 state = track.state
                 if not several:
                     made += [state] * (leg[0] in wanted)

@@ -17,7 +17,7 @@ from dlo_ros.inference.measured import measured
 from dlo_ros.inference.priors import joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 
-COARSE, FINE = (3e-4, 14), (1e-6, 28)
+COARSE, FINE = (3e-4, 14), (3e-7, 28)
 
 
 def fitted(recording, given, resolution):

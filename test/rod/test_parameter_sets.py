@@ -187,7 +187,10 @@ def test_motion_goes_on_from_where_it_ended():
     whole = sets.follow(states, imposed, STAMPS)
     first = sets.follow(states, imposed, STAMPS[:2])
     second = sets.follow([first.state(k) for k in range(3)], imposed, STAMPS[2:])
-    np.testing.assert_allclose(second.shapes[:, 0], whole.shapes[:, 2], atol=1e-9 * LENGTH)
+    # In one go the stamps lie within steps, between the ends of which the motion is interpolated.
+    np.testing.assert_allclose(
+        second.shapes[:, 0], whole.shapes[:, 2], rtol=0.0, atol=0.1 * TOLERANCE * LENGTH
+    )
     assert second.steps.max() < whole.steps.min()
     alone = by_itself(models[1], boundary, first.state(1), imposed, STAMPS[2:])
     apart = np.linalg.norm(whole.shapes[1, 2] - alone.shapes[0], axis=1).mean()

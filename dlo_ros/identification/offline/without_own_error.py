@@ -23,6 +23,8 @@ from dlo_ros.spline import FloatArray
 
 STEP_SHORTER = 2.0
 """Ratio of the time steps of two simulations that are compared."""
+EXTRAPOLATED = 1.0 / (STEP_SHORTER**2 - 1.0)
+"""Error of the finer one over their difference: it falls with the square of the step."""
 ROUNDS = 3
 """Simulations at most, each with shorter time steps and twice the knot spans."""
 
@@ -48,18 +50,20 @@ def without_own_error(
         return float(np.sqrt(max(float(change @ information @ change), 0.0)))
 
     best, adjusted, finer, last = at, recordings, recordings, np.inf
+    before = at.predicted
     for _ in range(ROUNDS):
         finer = [refined(r, at.model.settings) for r in finer]
         try:
-            exact = simulate(at.model, finer, ()).predicted
+            predicted = simulate(at.model, finer, ()).predicted
+            exact = [b + EXTRAPOLATED * (b - a) for a, b in zip(before, predicted, strict=True)]
             here, there = _compared_with(at, recordings, exact)
         except SimulationError:
             break
         change = stds(here.posterior.step - best.posterior.step)
         if change > last:  # where something is hit, finer simulations may not converge
             break
-        best, adjusted, last = here, there, change
-        left = change / (STEP_SHORTER**2 - 1.0)  # it falls with the square of the step
+        best, adjusted, last, before = here, there, change, predicted
+        left = change / (STEP_SHORTER**3 - 1.0)  # of an extrapolated one, with the third power
         if left < IMMATERIAL:
             break
     if stds(best.posterior.step - at.posterior.step) < IMMATERIAL:

@@ -77,8 +77,7 @@ class ParameterSets:
         self.models, self.boundary = tuple(models), boundary
         self._check()
         self._layouts: dict[bool, Layout] = {}
-        tolerance = min(m.settings.simulation.tolerance for m in self.models)
-        self._accuracy = accuracy(tolerance, self.models[0].basis.length)
+        self._tolerance = min(m.settings.simulation.tolerance for m in self.models)
 
     def _check(self) -> None:
         if not self.models:
@@ -153,11 +152,11 @@ class ParameterSets:
         velocities = rows(len(clock), len(times) if speeds else 0, layout.place[1])
         status = np.empty((len(clock), 2), np.int64)
         twists = rows(len(clock), len(times), 0 if flat else len(states[0].strains.stretch))
-        corners = command.corners(self._accuracy[0], length)
+        corners = command.corners(self._tolerance * length, length)
         march(
             layout.sets, layout.tables, self.boundary.imposed(command), frames, motion,
             layout.place, layout.room, clock, self.boundary.reach * lengthening, length, corners,
-            times, *self._accuracy, NO_PARAMETERS, shapes, velocities, twists,
+            times, *accuracy(self._tolerance, length), NO_PARAMETERS, shapes, velocities, twists,
             rows(len(times), 0, 0), status,
         )  # fmt: skip
         if np.any(status[:, 0] == NO_DIRECTION):

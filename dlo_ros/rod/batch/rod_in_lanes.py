@@ -41,7 +41,7 @@ class RodInLanes:
     ) -> None:
         self._boundary, self._rod, self._flat = boundary, rod, flat
         self._length = model.basis.length
-        self._accuracy = accuracy(model.settings.simulation.tolerance, self._length)
+        self._tolerance = model.settings.simulation.tolerance
         layout = Layout([model], boundary, flat=flat)
         self._variations = NO_PARAMETERS if rod is None else variations_of(model, rod, layout)
         self._prepared: Any = single_rod.prepare(
@@ -51,13 +51,20 @@ class RodInLanes:
         )  # fmt: skip
 
     def follow(
-        self, state: State, command: Command, stamps: Sequence[int], *, speeds: bool
+        self,
+        state: State,
+        command: Command,
+        stamps: Sequence[int],
+        *,
+        speeds: bool,
+        stepwise: bool = False,
     ) -> Track | None:
         """Integrate through stamps, as `dynamics.follow` does; None where that does not converge.
 
         Args:
             command: command with all effects applied.
             speeds: whether the velocities are wanted; with parameters they are given anyway.
+            stepwise: whether every stamp ends a step.
 
         Raises:
             CommandError: the command gives an end no direction.
@@ -75,10 +82,13 @@ class RodInLanes:
         if before is not None:
             v.frames[...], v.increments[...] = before.frames, 0.0
             changed = _copied(before)
-        corners = command.corners(self._accuracy[0], self._length)
+        corners = command.corners(self._tolerance * self._length, self._length)
+        if stepwise:
+            corners = np.union1d(corners, times)
         status, steps = single_rod.march(
             self._prepared, self._boundary.imposed(command), clock, frames, moved, changed,
-            self._length, corners, times, *self._accuracy, shapes, velocities, twists, derivatives,
+            self._length, corners, times, *accuracy(self._tolerance, self._length), shapes,
+            velocities, twists, derivatives,
         )  # fmt: skip
         if status == NO_DIRECTION:
             raise CommandError(NO_DIRECTION_TEXT)

@@ -11,7 +11,7 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.adaptive_integration import FIRST_STEP, next_stop
+from dlo_ros.rod.adaptive_integration import FIRST_STEP, SAME_INSTANT, next_stop
 from dlo_ros.rod.batch.simd_kernels import BatchLaw, Scratch, tensions
 from dlo_ros.rod.batch.simd_sensitivity import (
     impose_variants,
@@ -28,9 +28,10 @@ from dlo_ros.rod.batch.simd_step import (
     rate_weights,
     try_step,
 )  # fmt: skip
-from dlo_ros.rod.batch.simd_tables import addresses
+from dlo_ros.rod.batch.simd_tables import TARGET, addresses
 from dlo_ros.rod.boundary.conditions import Imposed, impose
-from dlo_ros.rod.simd.eight_lanes import LANES, address, entry, load, store
+from dlo_ros.rod.simd.eight_lanes import LANES, address, entry, load, spread, store
+from dlo_ros.rod.solve.dense_output import place_weights, speed_weights
 from dlo_ros.rod.solve.generalised_alpha import DONE, NO_CONVERGENCE, NO_DIRECTION, SMALLEST_STEP
 from dlo_ros.rod.solve.integrator_state import assign
 
@@ -92,60 +93,116 @@ def march_group(sets, tables, imposed, frames, motion, room, target, clock, reac
     theta, pins, tried = np.zeros(2), np.zeros((0, 3)), frames.copy()
     at_rest = False  # whether the target is one that no longer changes
     groups, corner, varied_at_rest = derivatives.shape[1], last_corner(variations.imposed), False
-    for k in range(stops.size):
-        while clock[0] < stops[k] - 1e-12:
-            end = next_stop(corners, clock[0], stops[k])
-            remaining = end - clock[0]
-            proposal = clock[2] if clock[2] > 0.0 else FIRST_STEP
-            h = remaining / max(1.0, np.ceil(remaining / proposal * 0.999))
-            while True:
-                steps += 1
-                if not at_rest:
-                    time = clock[0] + h
-                    # A frame depends on its way, to which a rejected step does not belong.
-                    assign(tried, frames)
-                    if tables.dof == 4:
-                        theta[0] = entry(motion.q, 3 * LANES)
-                        theta[1] = entry(motion.q, (4 * tables.n - 1) * LANES)
-                    if not impose(imposed, time, theta, reach, tried, target, pins):
-                        return NO_DIRECTION, steps
-                    at_rest = imposed.times.size == 0 or clock[0] >= imposed.times[-1] - 1e-9
-                weights = rate_weights(h, clock[1])
-                done, error, pace = try_step(
-                    sets, tables, motion, room, h, weights, limit, newton, pace
-                )
-                if done and (error <= 2.0 * tolerance or h < 10.0 * SMALLEST_STEP):
-                    break
-                h *= max(0.2, 0.8 * (tolerance / error) ** (1.0 / 3.0)) if done else 0.25
-                if h < SMALLEST_STEP:
-                    return NO_CONVERGENCE, steps
-            if groups > 0:
-                remember(tables, motion, variations)
-            accept(tables, motion, room, h)
-            assign(frames, tried)
-            if groups > 0:
-                if not varied_at_rest:
-                    impose_variants(tables, variations, clock[0] + h)
-                    varied_at_rest = clock[0] + h >= corner
-                propagate(sets, tables, motion, room, h, weights, place, variations)
-            growth = 2.0
-            if error > 0.0:
-                growth = min(2.0, 0.9 * (tolerance / error) ** (1.0 / 3.0))
-            # A step cut short by a stop says nothing against a longer one.
-            clock[2] = max(h * growth, min(proposal, h * 10.0) * 0.2)
-            clock[1] = h
-            clock[0] = end if h >= remaining * (1.0 - 1e-12) else clock[0] + h
-        for i in range(tables.dof * tables.n):
-            store(shapes[k], i, load(motion.q, i))
+    size, k = tables.dof * tables.n, 0
+    # Places and velocities before a step, of the motion and of its derivatives.
+    before, between = np.empty((1 + groups, 2 * size, LANES)), target.copy()
+    while k < stops.size and stops[k] <= clock[0] + SAME_INSTANT:
+        _at_end(motion, place, variations, shapes, speeds, twists, derivatives, k, size)
+        k += 1
+    while k < stops.size:
+        end = next_stop(corners, clock[0], stops[-1])
+        remaining = end - clock[0]
+        proposal = clock[2] if clock[2] > 0.0 else FIRST_STEP
+        h = remaining / max(1.0, np.ceil(remaining / proposal * 0.999))
+        while True:
+            steps += 1
+            if not at_rest:
+                # A frame depends on its way, to which a rejected step does not belong.
+                assign(tried, frames)
+                if tables.dof == 4:
+                    theta[0] = entry(motion.q, 3 * LANES)
+                    theta[1] = entry(motion.q, (4 * tables.n - 1) * LANES)
+                if not impose(imposed, clock[0] + h, theta, reach, tried, target, pins):
+                    return NO_DIRECTION, steps
+                at_rest = imposed.times.size == 0 or clock[0] >= imposed.times[-1] - 1e-9
+            weights = rate_weights(h, clock[1])
+            done, error, pace = try_step(
+                sets, tables, motion, room, h, weights, limit, newton, pace
+            )
+            if done and (error <= 2.0 * tolerance or h < 10.0 * SMALLEST_STEP):
+                break
+            h *= max(0.2, 0.8 * (tolerance / error) ** (1.0 / 3.0)) if done else 0.25
+            if h < SMALLEST_STEP:
+                return NO_CONVERGENCE, steps
+        now = end if h >= remaining * (1.0 - 1e-12) else clock[0] + h
+        within = stops[k] < now - SAME_INSTANT
+        if within:
+            _keep(motion, size, before[0])
+            for g in range(groups):
+                _keep(state_at(variations.changes, g, place), size, before[1 + g])
+        if groups > 0:
+            remember(tables, motion, variations)
+        accept(tables, motion, room, h)
+        if groups > 0:
+            if not varied_at_rest:
+                impose_variants(tables, variations, clock[0] + h)
+                varied_at_rest = clock[0] + h >= corner
+            propagate(sets, tables, motion, room, h, weights, place, variations)
+        while k < stops.size and stops[k] < now - SAME_INSTANT:
+            share = (stops[k] - clock[0]) / h
+            _interpolate(before[0], motion, place_weights(h, share), size, shapes[k])
             if speeds.shape[0] > 0:
-                store(speeds[k], i, load(motion.velocity, i))
-        for e in range(twists.shape[1]):
-            store(twists[k], e, load(motion.bend, 3 * e + 2))
-        for g in range(groups):
-            change = state_at(variations.changes, g, place)
-            for i in range(tables.dof * tables.n):
-                store(derivatives[k, g], i, load(change.q, i))
+                _interpolate(before[0], motion, speed_weights(h, share), size, speeds[k])
+            impose(imposed, stops[k], theta, reach, frames.copy(), between, pins)
+            for i in range(size):
+                if entry(tables.fixed, i) == TARGET:
+                    store(shapes[k], i, spread(entry(between, i)))
+            for e in range(twists.shape[1]):
+                twist = load(motion.bend_before, 3 * e + 2)
+                store(twists[k], e, twist + share * (load(motion.bend, 3 * e + 2) - twist))
+            for g in range(groups):
+                change = state_at(variations.changes, g, place)
+                _interpolate(before[1 + g], change, place_weights(h, share), size,
+                             derivatives[k, g])  # fmt: skip
+            k += 1
+        assign(frames, tried)
+        growth = 2.0
+        if error > 0.0:
+            growth = min(2.0, 0.9 * (tolerance / error) ** (1.0 / 3.0))
+        # A step cut short by a stop says nothing against a longer one.
+        clock[2] = max(h * growth, min(proposal, h * 10.0) * 0.2)
+        clock[0], clock[1] = now, h
+        while k < stops.size and stops[k] <= now + SAME_INSTANT:
+            _at_end(motion, place, variations, shapes, speeds, twists, derivatives, k, size)
+            k += 1
     return DONE, steps
+
+
+@linked()
+def _at_end(motion, place, variations, shapes, speeds, twists, derivatives, k, size):
+    """Write what stop k wants of the present state."""
+    for i in range(size):
+        store(shapes[k], i, load(motion.q, i))
+        if speeds.shape[0] > 0:
+            store(speeds[k], i, load(motion.velocity, i))
+    for e in range(twists.shape[1]):
+        store(twists[k], e, load(motion.bend, 3 * e + 2))
+    for g in range(derivatives.shape[1]):
+        change = state_at(variations.changes, g, place)
+        for i in range(size):
+            store(derivatives[k, g], i, load(change.q, i))
+
+
+@njit(from_python=False)
+def _keep(state, size, rows):
+    """Keep places and velocities, d n numbers each, which a step changes."""
+    for i in range(size):
+        store(rows, i, load(state.q, i))
+        store(rows, size + i, load(state.velocity, i))
+
+
+@njit(from_python=False)
+def _interpolate(before, after, weights, size, out):
+    """Write what lies between two states, see `dense_output`.
+
+    Args:
+        before: rows, see `_keep`.
+        after: state at the end of the step.
+    """
+    a, b, c, d = weights
+    for i in range(size):
+        x = a * load(before, i) + b * load(before, size + i)
+        store(out, i, x + c * load(after.q, i) + d * load(after.velocity, i))
 
 
 __all__ = ["DONE", "NO_CONVERGENCE", "NO_DIRECTION", "Imposed", "march"]
