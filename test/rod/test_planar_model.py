@@ -150,8 +150,8 @@ def test_a_forecast_in_one_go_is_the_same_as_stamp_by_stamp():
         np.testing.assert_allclose(
             one.control_points, prediction.control_points, rtol=0.0, atol=8e-5
         )
-        near = 5e-3 * np.abs(one.sensitivity).max()
-        np.testing.assert_allclose(one.sensitivity, prediction.sensitivity, rtol=0.0, atol=near)
+        # Against a tolerance of 1e-6 either of them is up to 4e-3 m off, the values up to 0.24 m.
+        np.testing.assert_allclose(one.sensitivity, prediction.sensitivity, rtol=0.0, atol=1e-3)
 
 
 def test_a_live_simulation_holds_and_recovers(caplog):
