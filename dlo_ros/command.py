@@ -204,8 +204,8 @@ class Command:
         """Times [s] at which the motion bends so sharply that it is no smooth one.
 
         Args:
-            size: largest distance of a polyline from a smooth curve through its points, so that
-                their kinks are none [m].
+            size: distance of a polyline from the smooth curve through its points [m] up to which
+                their kinks are no corners.
             reach: distance from a clamp at which its direction counts [m].
         """
         moved, turned = self._kinks

@@ -105,16 +105,10 @@ def march(
             else:
                 share = (stops[k] - clock[TIME]) / h
                 _between(system, imposed, state, new, share, shapes[k], speeds[k], twists[k])
-                for a in range(count):
+                if count > 0:
                     interpolate(
-                        d_before[a],
-                        d_speed[a],
-                        varying.q[a],
-                        varying.velocity[a],
-                        h,
-                        share,
-                        derivatives[k, a],
-                    )
+                        d_before, d_speed, varying.q, varying.velocity, h, share, derivatives[k]
+                    )  # fmt: skip
             k += 1
         commit(new, state)
     return DONE, steps

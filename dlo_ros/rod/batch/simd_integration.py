@@ -125,8 +125,7 @@ def march_group(sets, tables, imposed, frames, motion, room, target, clock, reac
             if h < SMALLEST_STEP:
                 return NO_CONVERGENCE, steps
         now = end if h >= remaining * (1.0 - 1e-12) else clock[0] + h
-        within = stops[k] < now - SAME_INSTANT
-        if within:
+        if stops[k] < now - SAME_INSTANT:
             _keep(motion, size, before[0])
             for g in range(groups):
                 _keep(state_at(variations.changes, g, place), size, before[1 + g])
