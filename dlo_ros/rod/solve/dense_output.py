@@ -24,7 +24,7 @@ def place_weights(h, share):
 
 @njit(from_python=False)
 def speed_weights(h, share):
-    """The same for the velocity."""
+    """Weights of the same four in the velocity."""
     s, rest = share, 1.0 - share
     turn = 6.0 * s * rest / h
     return -turn, rest * (1.0 - 3.0 * s), turn, s * (3.0 * s - 2.0)
