@@ -16,8 +16,9 @@ from parameter_sets import (
     varied,
     with_tolerance,
 )
-from rods import PAPER, Nothing, command, held_start, settled, straight
+from rods import PAPER, SECOND, Nothing, command, held_start, settled, straight
 
+from dlo_ros.command import Command
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.parameters import DampingParameters
 from dlo_ros.rod import dynamics
@@ -178,7 +179,7 @@ def test_free_rods_fall_to_their_own_terminal_speed():
         np.testing.assert_allclose(tracks.state(k).velocity[:, 0], 0.0, atol=1e-9)
 
 
-def test_motion_goes_on_from_where_it_ended():
+def test_motion_goes_on_from_where_it_ended(monkeypatch):
     imposed = held_start()
     model, boundary = build(with_tolerance(PAPER), imposed, 8)
     models = list(varied(model, 3))
@@ -195,6 +196,13 @@ def test_motion_goes_on_from_where_it_ended():
     alone = by_itself(models[1], boundary, first.state(1), imposed, STAMPS[2:])
     apart = np.linalg.norm(whole.shapes[1, 2] - alone.shapes[0], axis=1).mean()
     assert apart < TOLERANCE * LENGTH
+    # Where every stamp ends a step it is the same motion.
+    ends = np.array(STAMPS) / SECOND
+    monkeypatch.setattr(Command, "corners", lambda *_: ends)
+    whole = sets.follow(states, imposed, STAMPS)
+    first = sets.follow(states, imposed, STAMPS[:2])
+    second = sets.follow([first.state(k) for k in range(3)], imposed, STAMPS[2:])
+    np.testing.assert_allclose(second.shapes[:, 0], whole.shapes[:, 2], atol=1e-9 * LENGTH)
 
 
 def test_a_set_that_fails_spoils_no_other():
