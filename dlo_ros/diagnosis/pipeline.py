@@ -25,7 +25,8 @@ from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
 from dlo_ros.diagnosis.proposals.time_steps import with_short_steps
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
-from dlo_ros.identification.offline.initial_fit import Beginning, begin, drafts, finer, fitted
+from dlo_ros.identification.offline.drafts import drafts
+from dlo_ros.identification.offline.initial_fit import Beginning, begin, finer, fitted
 from dlo_ros.identification.offline.recording_identification import Progress
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.joint import Evaluation, simulate

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.special import comb
 
+from dlo_ros.inference.joint import Simulated
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.smooth_modes import whitening
 from dlo_ros.inference.thresholds import FEWEST
@@ -126,3 +127,19 @@ def _along(field: FloatArray) -> float:
             gap = np.diff(field, order, axis=1) / np.sqrt(float(comb(2 * order, order)))
             found.append(float(np.sqrt(np.median(gap**2) / MEDIAN)))
     return min(found)
+
+
+def apart(at: Simulated, other: Simulated, recordings: Sequence[Recording]) -> float:
+    """Root mean square difference of two simulations in units of the noise."""
+    pairs = zip(whitened(at, recordings), whitened(other, recordings), strict=True)
+    return rms([a - b for a, b in pairs])
+
+
+def whitened(at: Simulated, recordings: Sequence[Recording]) -> list[FloatArray]:
+    """What a model leaves of each recording in units of the noise, shape (F, K) each."""
+    return [r / recording.noise for (r, _), recording in zip(at.fields, recordings, strict=True)]
+
+
+def rms(residuals: Sequence[FloatArray]) -> float:
+    """Root mean square of all residuals."""
+    return float(np.sqrt(np.mean(np.concatenate([r.ravel() for r in residuals]) ** 2)))

@@ -338,7 +338,8 @@ def linearly_fitted(at: Simulated) -> Evaluation:
 
 def as_fine(settings: Settings, recording: Recording) -> Settings:
     """The settings with the time steps that a recording asks for."""
-    if recording.tolerance is None:
+    tolerance = recording.tolerance_with(settings.effects)
+    if tolerance is None:
         return settings
-    simulation = replace(settings.simulation, tolerance=recording.tolerance)
+    simulation = replace(settings.simulation, tolerance=tolerance)
     return replace(settings, simulation=simulation)

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -41,6 +41,8 @@ class Recording:
         noise: standard deviation of each coefficient [m], shape (K,).
         spans: knot spans of the simulation; None: as simulation.tolerance asks.
         tolerance: tolerance of the simulation's time steps; None: simulation.tolerance.
+        rapid: smaller tolerances for models with an effect that makes the DLO move more rapidly, by
+            the effect's name.
         beyond: difference of measured points from the observed splines, in coefficients [m], shape
             (F, K). Of pictures with points, `across` and it are those of `observation_operator`.
     """
@@ -52,6 +54,7 @@ class Recording:
     noise: FloatArray
     spans: int | None = None
     tolerance: float | None = None
+    rapid: Mapping[str, float] = field(default_factory=dict)
     beyond: FloatArray | None = None
 
     @property
@@ -63,6 +66,11 @@ class Recording:
     def planar(self) -> bool:
         """Whether the DLO stays in the board's plane."""
         return len(self.noise) <= 2 * int(self.observed.shape[1])
+
+    def tolerance_with(self, effects: Iterable[str]) -> float | None:
+        """Tolerance of the time steps for a model with some effects; None: simulation.tolerance."""
+        least = [self.rapid[name] for name in effects if name in self.rapid]
+        return min(least, default=self.tolerance)
 
     @cached_property
     def motion(self) -> FloatArray:

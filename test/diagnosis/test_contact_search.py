@@ -16,7 +16,9 @@ from dlo_ros.diagnosis.contact.contact_search import contacts_beside_set_up, pla
 from dlo_ros.diagnosis.contact.peg_places import SLACK, STATIONS, Sight, apart, places, sight
 from dlo_ros.diagnosis.contact.wall_places import TouchedWall, tangent, walls
 from dlo_ros.effects import Start
-from dlo_ros.identification.offline.initial_fit import begin, drafts, whitened
+from dlo_ros.identification.offline.drafts import drafts
+from dlo_ros.identification.offline.initial_fit import begin
+from dlo_ros.identification.residual_noise import whitened
 from dlo_ros.inference.joint import simulate
 from dlo_ros.inference.priors import cause_priors
 from dlo_ros.inference.scene import imposed_names, scene

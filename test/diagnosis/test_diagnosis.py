@@ -13,8 +13,8 @@ from dlo_ros.effects import Start, effects, starts
 from dlo_ros.errors import InputError
 from dlo_ros.identification import Manipulation
 from dlo_ros.identification.material_model import material_model
-from dlo_ros.identification.offline.initial_fit import begin, fitted, whitened
-from dlo_ros.identification.residual_noise import with_noise
+from dlo_ros.identification.offline.initial_fit import begin, fitted
+from dlo_ros.identification.residual_noise import whitened, with_noise
 from dlo_ros.inference.joint import simulate
 from dlo_ros.inference.losses import WhiteLoss
 from dlo_ros.inference.measured import measured

@@ -11,7 +11,9 @@ from rods import KNOWN, PAPER
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.offline import initial_fit
-from dlo_ros.identification.offline.initial_fit import begin, drafts, finer, fitted, whitened
+from dlo_ros.identification.offline.drafts import drafts
+from dlo_ros.identification.offline.initial_fit import begin, finer, fitted
+from dlo_ros.identification.residual_noise import rms, whitened
 from dlo_ros.inference import joint_fit
 from dlo_ros.inference.joint import simulate
 from dlo_ros.inference.losses import WhiteLoss
@@ -25,7 +27,7 @@ def beginning():
 
 
 def test_a_coarse_trial_agrees_where_it_begins(beginning, monkeypatch):
-    monkeypatch.setattr("dlo_ros.identification.offline.initial_fit.IMMATERIAL", 50.0)
+    monkeypatch.setattr("dlo_ros.identification.offline.drafts.IMMATERIAL", 50.0)
     at = beginning.at
     tried = drafts(beginning.recordings, at)
     coarse = whitened(simulate(at.model, tried, ()), tried)
@@ -37,16 +39,30 @@ def test_a_coarse_trial_agrees_where_it_begins(beginning, monkeypatch):
         assert here == pytest.approx(there, abs=1e-6)
 
 
+def test_a_draft_has_the_longest_steps_that_are_reliable(beginning, monkeypatch):
+    """Steps between those of a first draft and the recording's own, where they do."""
+    monkeypatch.setattr("dlo_ros.identification.offline.drafts.DRAFT_TOLERANCE", 1e-1)
+    monkeypatch.setattr("dlo_ros.identification.offline.drafts.LONGEST", 1e-1)
+    fine = [replace(r, tolerance=1e-6) for r in beginning.recordings]
+    at = simulate(beginning.at.model, fine, ())
+    for draft, recording in zip(drafts(fine, at), fine, strict=True):
+        assert 1e-6 < draft.tolerance < 1e-1
+        longer = replace(recording, tolerance=10.0 * draft.tolerance, spans=draft.spans)
+        there = whitened(simulate(at.model, [longer], ()), [longer])
+        here = whitened(simulate(at.model, [recording], ()), [recording])
+        assert rms([there[0] - here[0]]) > 0.3
+
+
 def test_a_recording_of_unknown_fineness_has_drafts(beginning, monkeypatch):
-    monkeypatch.setattr("dlo_ros.identification.offline.initial_fit.IMMATERIAL", 50.0)
+    monkeypatch.setattr("dlo_ros.identification.offline.drafts.IMMATERIAL", 50.0)
     open_ = [replace(r, spans=None) for r in beginning.recordings]
     for draft in drafts(open_, beginning.at):
         assert draft.spans == 14
 
 
 def test_long_recordings_are_tried_in_part(beginning, monkeypatch):
-    monkeypatch.setattr("dlo_ros.identification.offline.initial_fit.DRAFT_FRAMES", 20)
-    monkeypatch.setattr("dlo_ros.identification.offline.initial_fit.LEAST_FRAMES", 5)
+    monkeypatch.setattr("dlo_ros.identification.offline.drafts.DRAFT_FRAMES", 20)
+    monkeypatch.setattr("dlo_ros.identification.offline.drafts.LEAST_FRAMES", 5)
     at = beginning.at
     tried = drafts(beginning.recordings, at)
     residuals = whitened(at, beginning.recordings)

@@ -19,7 +19,8 @@ from dlo_ros.diagnosis.explain.joint_explanation import (
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.proposals.time_steps import with_short_steps
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.offline.initial_fit import Beginning, drafts
+from dlo_ros.identification.offline.drafts import drafts
+from dlo_ros.identification.offline.initial_fit import Beginning
 from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, rejudged, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import TO_REPORT

@@ -44,8 +44,9 @@ from dlo_ros.diagnosis.findings.shape_views import views
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
 from dlo_ros.effects import added_to_damping, effects
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.offline.initial_fit import Beginning, whitened
+from dlo_ros.identification.offline.initial_fit import Beginning
 from dlo_ros.identification.offline.without_own_error import without_own_error
+from dlo_ros.identification.residual_noise import whitened
 from dlo_ros.inference.joint import Evaluation, Simulated, simulate
 from dlo_ros.inference.joint_fit import fit, nearest_err
 from dlo_ros.inference.losses import TO_REPORT

@@ -3,7 +3,7 @@
 
 The initial fit chooses them for the plain model. A heavy plug on a free end moves more rapidly:
 with steps that are right to 0.1 mm without it, shapes may be off by 7 mm, and their derivatives
-have nothing to do with them, so that no fit finds the plug.
+have nothing to do with them, so that no fit finds the plug. Models without it keep the longer ones.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from dataclasses import replace
 
 from dlo_ros.effects import effects, starts
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.offline.initial_fit import TIME_FACTOR, apart, rms, whitened
+from dlo_ros.identification.offline.drafts import TIME_FACTOR
+from dlo_ros.identification.residual_noise import apart, rms, whitened
 from dlo_ros.inference.joint import Simulated, simulate
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
@@ -41,34 +42,46 @@ def with_short_steps(recordings: Sequence[Recording], at: Simulated) -> tuple[Re
     )
 
 
-def _models(recordings: Sequence[Recording], settings: Settings) -> list[ParametricModel]:
-    """The plain model with each smooth effect that begins far from neutral."""
+def _models(
+    recordings: Sequence[Recording], settings: Settings
+) -> list[tuple[str, ParametricModel]]:
+    """The plain model with each smooth effect that begins far from neutral, after its name."""
     view = scene_of(settings, recordings)
     given = {name: dict(block) for name, block in settings.effects.items()}
     return [
-        ParametricModel(settings.with_effects(given | {s.effect: dict(s.block)}), ())
+        (s.effect, ParametricModel(settings.with_effects(given | {s.effect: dict(s.block)}), ()))
         for s in starts(view)
         if s.afar and effects()[s.effect].differentiable and s.effect not in given
     ]
 
 
 def _short_enough(
-    recording: Recording, models: Sequence[ParametricModel], allowed: float
+    recording: Recording, models: Sequence[tuple[str, ParametricModel]], allowed: float
 ) -> Recording:
-    """A recording with a tolerance at which the models' errors are allowed.
+    """A recording with a tolerance for each effect at which the models' errors are allowed.
 
     Args:
+        models: models with an effect, after its name.
         allowed: root mean square error in units of the noise.
     """
-    here = recording
+    rapid: dict[str, float] = {}
+    for name, model in models:
+        tolerance = _tolerance(recording, model, allowed)
+        if tolerance is not None and tolerance < rapid.get(name, recording.tolerance or 0.0):
+            LOG.info("%s: steps of %g with %s", recording.name, tolerance, name)
+            rapid[name] = tolerance
+    return replace(recording, rapid=rapid)
+
+
+def _tolerance(recording: Recording, model: ParametricModel, allowed: float) -> float | None:
+    """The largest tolerance at which a model's error is allowed, or the smallest that is tried."""
+    here = replace(recording, rapid={})
     while here.tolerance is not None and here.tolerance > SHORTEST:
         finer = replace(here, tolerance=here.tolerance / TIME_FACTOR)
-        error = max((_error(m, here, finer) for m in models), default=0.0)
-        if error < allowed:
+        if _error(model, here, finer) < allowed:
             break
-        LOG.info("%s: %.2g times the noise with steps of %g", here.name, error, here.tolerance)
         here = finer
-    return here
+    return here.tolerance
 
 
 def _error(model: ParametricModel, recording: Recording, finer: Recording) -> float:

@@ -12,8 +12,18 @@ import numpy as np
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST, NOISE_SHARE
 from dlo_ros.identification.material_model import material_model
+from dlo_ros.identification.offline.drafts import (
+    DRAFT_SPANS,
+    DRAFT_TOLERANCE,
+    LONGEST,
+    SPACE_FACTOR,
+    SPACE_ROUNDS,
+    TIME_FACTOR,
+    TIME_ROUNDS,
+    shortened,
+)
 from dlo_ros.identification.offline.without_own_error import STEP_SHORTER, refined
-from dlo_ros.identification.residual_noise import with_noise
+from dlo_ros.identification.residual_noise import apart, rms, whitened, with_noise
 from dlo_ros.inference.forecast import Manipulation, as_started, forecast
 from dlo_ros.inference.joint import Evaluation, Simulated, evaluate, simulate
 from dlo_ros.inference.joint_fit import fit
@@ -40,25 +50,8 @@ OWN_SHARE = 0.0015
 noise allows: nothing finer is judged."""
 IN_TIME = 0.3
 """Share of that error that time steps may have: they damp, in all pictures alike."""
-LONGEST, TIME_ROUNDS, TIME_FACTOR = 1e-2, 5, 10.0
-"""Tolerances of time steps that are tried: the largest, by which one step may add 0.3 mm per metre
-of DLO, their number, and the factor between two of them."""
-SPACE_ROUNDS, SPACE_FACTOR = 5, 4.0
-"""Numbers of knot spans that are tried, each twice the one before, and the factor by which the
-error falls at least: cubic splines converge faster."""
 FALLS = 0.7
 """Error over that of a coarser simulation, below which the finer one is worth its time."""
-DRAFT_SPANS = 2
-"""Knot spans of a draft's simulation over those of the observed spline."""
-DRAFT_TOLERANCE = 1e-3
-DRAFT_FRAMES = 800
-LEAST_FRAMES = 100
-"""Frames that a draft goes through: most of all recordings together, least of one."""
-SHOWN = 0.25
-"""Share of the squared residuals that a draft must go through."""
-DRAFT_SHARE = 0.01
-"""Error of a draft over the plain model's residual, up to which it does not matter: good models
-leave a tenth of that residual and less."""
 
 
 @dataclass(frozen=True)
@@ -157,22 +150,6 @@ def finer(
     return None if rms(own) < most else replace(beginning, near=here)
 
 
-def apart(at: Simulated, other: Simulated, recordings: Sequence[Recording]) -> float:
-    """Root mean square difference of two simulations in units of the noise."""
-    pairs = zip(whitened(at, recordings), whitened(other, recordings), strict=True)
-    return rms([a - b for a, b in pairs])
-
-
-def whitened(at: Simulated, recordings: Sequence[Recording]) -> list[FloatArray]:
-    """What a model leaves of each recording in units of the noise, shape (F, K) each."""
-    return [r / recording.noise for (r, _), recording in zip(at.fields, recordings, strict=True)]
-
-
-def rms(residuals: Sequence[FloatArray]) -> float:
-    """Root mean square of all residuals."""
-    return float(np.sqrt(np.mean(np.concatenate([r.ravel() for r in residuals]) ** 2)))
-
-
 def _best_start(coarse: tuple[Recording, ...], model: ParametricModel) -> Simulated:
     """The best of some fits of the plain model: a motion may have several local minima of E.
 
@@ -224,7 +201,7 @@ def _coarse(recordings: Sequence[Recording], settings: Settings) -> tuple[Record
 def _fitted_to_most(at: Simulated, recordings: Sequence[Recording]) -> Simulated | None:
     """A model fitted to the recordings with most of its error, simulated in all; or None."""
     shorter = [
-        _shortened(r, left, len(recordings))
+        shortened(r, left, len(recordings))
         for r, left in zip(recordings, whitened(at, recordings), strict=True)
     ]
     loss = WhiteLoss([r.noise for r in shorter])
@@ -265,7 +242,10 @@ def _finer(recordings: tuple[Recording, ...], at: Simulated) -> tuple[tuple[Reco
             spans = [replace(recording, spans=first * 2**k) for k in range(SPACE_ROUNDS)]
             recording, error = _coarsest(spans, at.model, tolerance * length, SPACE_FACTOR)
             own = error / length
-        steps = [replace(recording, tolerance=LONGEST / TIME_FACTOR**k) for k in range(TIME_ROUNDS)]
+        steps = [
+            replace(recording, tolerance=LONGEST / TIME_FACTOR**k, rapid={})
+            for k in range(TIME_ROUNDS)
+        ]
         allowed = IN_TIME * fineness * float(np.linalg.norm(recording.noise))
         recording, error = _coarsest(steps, at.model, allowed, TIME_FACTOR)
         result.append(recording)
@@ -311,73 +291,3 @@ def _coarsest(
     if best is None:
         raise failure or SimulationError("nothing can be simulated")
     return best, least
-
-
-def drafts(recordings: Sequence[Recording], at: Simulated) -> tuple[Recording, ...]:
-    """The recordings with a coarser simulation that is still reliable, long ones shortened.
-
-    Args:
-        at: the fine simulation of a model: of the plain one, or of one that comes nearer, for which
-            the drafts are reliable then.
-    """
-    result = []
-    for recording, r, fine in zip(recordings, whitened(at, recordings), at.predicted, strict=True):
-        coarse = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
-        most = max(IMMATERIAL, DRAFT_SHARE * rms([r]))
-        tolerance = max(DRAFT_TOLERANCE, recording.tolerance or 0.0)
-        finest = recording.spans or coarse * 2**SPACE_ROUNDS
-        coarser = [coarse * 2**k for k in range(SPACE_ROUNDS) if coarse * 2**k < finest]
-        for spans in (*coarser, recording.spans):
-            draft = replace(recording, spans=spans, tolerance=tolerance)
-            try:
-                draft_at = simulate(at.model, [draft], ())
-            except SimulationError:
-                continue
-            off = draft_at.predicted[0][..., :3] - fine[..., :3]
-            if rms([recording.coefficients(off) / recording.noise]) < most:
-                draft, off = _longer_steps(draft, off, at.model, fine, DRAFT_SHARE * rms([r]))
-                # What it does wrong with this model, it does with others, nearly.
-                draft = draft.moved(off)
-                break
-        else:
-            draft = recording
-        result.append(_shortened(draft, r, len(recordings)))
-    return tuple(result)
-
-
-def _longer_steps(
-    draft: Recording, off: FloatArray, model: ParametricModel, fine: FloatArray, most: float
-) -> tuple[Recording, FloatArray]:
-    """A draft with the longest time steps where these do not matter, and what it does wrong.
-
-    Time steps damp in all pictures alike: no noise hides what they do wrong, but a model that
-    misses far more does.
-
-    Args:
-        off: what the draft does wrong [m], shape (F, n, 3).
-        fine: the control points of the fine simulation [m], shape (F, n, 3 or more).
-        most: root mean square error that is allowed, in units of the noise.
-    """
-    if draft.tolerance == LONGEST:
-        return draft, off
-    longer = replace(draft, tolerance=LONGEST)
-    try:
-        moved = simulate(model, [longer], ()).predicted[0][..., :3] - fine[..., :3]
-    except SimulationError:
-        return draft, off
-    if rms([draft.coefficients(moved - off) / draft.noise]) < most:
-        return longer, moved
-    return draft, off
-
-
-def _shortened(recording: Recording, left: FloatArray, recordings: int) -> Recording:
-    """A recording until most of the model's error has shown itself.
-
-    Args:
-        left: what the model leaves of its last F frames, shape (F, K).
-        recordings: number of recordings.
-    """
-    shown = np.cumsum(np.sum(left**2, axis=1))
-    enough = int(np.searchsorted(shown, SHOWN * shown[-1])) + 1
-    frames = max(LEAST_FRAMES, DRAFT_FRAMES // recordings, enough)
-    return recording.until(frames + len(recording.times) - len(left))

@@ -21,7 +21,8 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import logarithms
 from dlo_ros.identification.information import determined_directions, model_shift, widened
 from dlo_ros.identification.offline.alternatives import Alternative, alternatives
-from dlo_ros.identification.offline.initial_fit import Beginning, drafts, finer
+from dlo_ros.identification.offline.drafts import drafts
+from dlo_ros.identification.offline.initial_fit import Beginning, finer
 from dlo_ros.identification.offline.without_own_error import without_own_error
 from dlo_ros.inference.joint import Evaluation, evaluate, restricted
 from dlo_ros.inference.joint_fit import ITERATIONS, best_settled, expected_gain, fit, next_step

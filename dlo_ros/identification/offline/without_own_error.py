@@ -72,10 +72,14 @@ def without_own_error(
 
 
 def refined(recording: Recording, settings: Settings) -> Recording:
-    """The recording simulated with shorter time steps, and twice the knot spans."""
-    tolerance = recording.tolerance or settings.simulation.tolerance
+    """The recording simulated with shorter time steps, and twice the knot spans.
+
+    Args:
+        settings: settings of the model that is to be simulated.
+    """
+    tolerance = recording.tolerance_with(settings.effects) or settings.simulation.tolerance
     spans = recording.spans and 2 * recording.spans
-    return replace(recording, tolerance=tolerance / STEP_SHORTER**3, spans=spans)
+    return replace(recording, tolerance=tolerance / STEP_SHORTER**3, spans=spans, rapid={})
 
 
 def _compared_with(
