@@ -323,7 +323,14 @@ def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Record
     fields = tuple(
         (r, j[: len(r), pick]) for (r, _), (_, j) in zip(found.fields, at.fields, strict=True)
     )
-    return replace(compared(replace(found, fields=fields), at.variances), derived=False)
+    found = replace(found, fields=fields)
+    shorter = [len(r) < s.frames for (r, _), s in zip(fields, at.spectra, strict=True)]
+    if any(shorter):
+        return replace(compared(found, at.variances), derived=False)
+    spectra = tuple(
+        s.chosen(pick).of_residual(r) for (r, _), s in zip(fields, at.spectra, strict=True)
+    )
+    return replace(_evaluation(found, spectra, at.variances, fitted=False), derived=False)
 
 
 def linearly_fitted(at: Simulated) -> Evaluation:

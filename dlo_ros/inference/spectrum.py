@@ -45,6 +45,8 @@ class Spectrum:
             along the DLO as `share` says [m^2], shape (B,).
         still: F where the frequency is zero, else 0: by how much more the variance of an error that
             is the same in all frames is seen there, shape (B,).
+        jacobian: the Jacobian itself, by parts, modes, and frequencies, shape (D, n, F, P); of
+            joined spectra None.
     """
 
     frames: int
@@ -59,6 +61,7 @@ class Spectrum:
     frequency: FloatArray
     motion: FloatArray
     still: FloatArray
+    jacobian: FloatArray | None = None
 
     @property
     def parts(self) -> int:
@@ -69,7 +72,29 @@ class Spectrum:
         """The spectrum of some of the parameters."""
         pick = np.array(columns, dtype=np.int64)
         return replace(
-            self, gradient=self.gradient[:, pick], hessian=self.hessian[:, pick[:, None], pick]
+            self, gradient=self.gradient[:, pick], hessian=self.hessian[:, pick[:, None], pick],
+            jacobian=None if self.jacobian is None else self.jacobian[..., pick],
+        )  # fmt: skip
+
+    def of_residual(self, residual: FloatArray) -> Spectrum:
+        """The spectrum of other residuals with the same Jacobian.
+
+        Args:
+            residual: coefficients [m], shape (F, K).
+        """
+        assert self.jacobian is not None  # it is not a joined one
+        parts, n, frames, _ = self.jacobian.shape
+        bins = list(product(bands(frames), range(parts), mode_groups(n)))
+        left = transformed(residual[:, None], n)
+        values = [left[p, a:b, low:high].ravel() for (low, high), p, (a, b) in bins]
+        slopes = [
+            self.jacobian[p, a:b, low:high].reshape(len(x), -1)
+            for ((low, high), p, (a, b)), x in zip(bins, values, strict=True)
+        ]
+        return replace(
+            self,
+            sum_of_squares=np.array([x @ x for x in values]),
+            gradient=np.array([x @ j for x, j in zip(values, slopes, strict=True)]),
         )
 
 
@@ -77,7 +102,7 @@ def joined(spectra: Sequence[Spectrum]) -> Spectrum:
     """The bins of some recordings, one after the other."""
     arrays = {
         f.name: np.concatenate([getattr(s, f.name) for s in spectra])
-        for f in fields(Spectrum) if f.name != "frames"
+        for f in fields(Spectrum) if f.name not in ("frames", "jacobian")
     }  # fmt: skip
     return Spectrum(frames=sum(s.frames for s in spectra), **arrays)
 
@@ -96,6 +121,23 @@ def bands(frames: int) -> list[tuple[int, int]]:
     while borders[-1] < frames:
         borders.append(min(max(borders[-1] + 1, round(GROWTH * borders[-1])), frames))
     return list(pairwise(borders))
+
+
+def mode_groups(control_points: int) -> list[tuple[int, int]]:
+    """First and last of the modes along the DLO in each group."""
+    return list(pairwise([*(g for g in MODE_GROUPS if g < control_points), control_points]))
+
+
+def transformed(fields: FloatArray, control_points: int) -> FloatArray:
+    """Fields by direction, mode along the DLO, and frequency, shape (parts, n, F, C).
+
+    Args:
+        fields: C fields of coefficients, shape (F, C, K), K = parts * n.
+        control_points: n.
+    """
+    n, (frames, count, _) = control_points, fields.shape
+    found = dct(fields, axis=0, norm="ortho").reshape(-1, n) @ modes(n)[0]
+    return np.ascontiguousarray(found.reshape(frames, count, -1, n).transpose(2, 3, 0, 1))
 
 
 def motion_power(coefficients: FloatArray) -> FloatArray:
@@ -121,13 +163,9 @@ def spectrum(
     """
     frames, width = residual.shape
     n = control_points
-    vectors, shares = modes(n)
-    nodal = nodal_shares(n)
-    both = np.concatenate([residual[:, None], jacobian], axis=1)  # (F, 1 + P, K)
-    both = dct(both, axis=0, norm="ortho").reshape(-1, n) @ vectors
-    both = both.reshape(frames, -1, width // n, n).transpose(2, 3, 0, 1)
-    both = np.ascontiguousarray(both)  # (parts, n, F, 1 + P)
-    groups = list(pairwise([*(g for g in MODE_GROUPS if g < n), n]))
+    shares, nodal = modes(n)[1], nodal_shares(n)
+    both = transformed(np.concatenate([residual[:, None], jacobian], axis=1), n)
+    groups = mode_groups(n)
     bins = list(product(bands(frames), range(width // n), groups))
     values = [
         both[part, first:last, low:high].reshape(-1, both.shape[3])
@@ -152,4 +190,5 @@ def spectrum(
         frequency=frequency,
         motion=swing * share,
         still=np.where(frequency == 0.0, float(frames), 0.0),
+        jacobian=both[..., 1:],
     )

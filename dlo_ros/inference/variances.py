@@ -227,7 +227,8 @@ def fit_variances(
 
     x = scored(cost, x0, bounds, iterations)
     found = _unpacked(x, spectra)
-    best = posterior(spectra, found, offset, precision, linear=linear)
+    each = np.concatenate([v.of(s) for s, v in zip(spectra, found, strict=True)])
+    best = _marginal_likelihood(bins, each, offset, precision, linear)[0]
     unlikely = float(np.sum(_unlikely(x, rows, length)))
     return found, replace(best, evidence=best.evidence - unlikely)
 

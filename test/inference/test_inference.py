@@ -1,6 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The statistical core on made-up numbers, whose truth is known."""
 
+from dataclasses import fields
 from itertools import pairwise
 
 import numpy as np
@@ -82,6 +83,17 @@ def test_derivatives_of_the_marginal_likelihood(linear):
     x[-1] = np.log1p(-0.4)
     numbers = approx_fprime(x, lambda y: cost(y)[0], 1e-6)
     assert np.allclose(cost(x)[1], numbers, rtol=1e-4, atol=1e-3)
+
+
+def test_a_spectrum_of_other_residuals_is_as_if_made_of_them():
+    rng = np.random.default_rng(3)
+    residual, other = rng.normal(size=(2, 40, 3 * N))
+    jacobian = rng.normal(size=(40, 5, 3 * N))
+    columns = [0, 2, 4]
+    found = spectrum(residual, jacobian, N).chosen(columns).of_residual(other)
+    expected = spectrum(other, jacobian[:, columns], N)
+    for f in fields(expected):
+        assert getattr(found, f.name) == pytest.approx(getattr(expected, f.name), rel=1e-9), f.name
 
 
 def test_what_the_errors_are_made_of_is_found():
