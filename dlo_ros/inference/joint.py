@@ -327,9 +327,7 @@ def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Record
     shorter = [len(r) < s.frames for (r, _), s in zip(fields, at.spectra, strict=True)]
     if any(shorter):
         return replace(compared(found, at.variances), derived=False)
-    spectra = tuple(
-        s.chosen(pick).of_residual(r) for (r, _), s in zip(fields, at.spectra, strict=True)
-    )
+    spectra = tuple(s.of_residual(r, pick) for (r, _), s in zip(fields, at.spectra, strict=True))
     return replace(_evaluation(found, spectra, at.variances, fitted=False), derived=False)
 
 

@@ -45,8 +45,8 @@ class Spectrum:
             along the DLO as `share` says [m^2], shape (B,).
         still: F where the frequency is zero, else 0: by how much more the variance of an error that
             is the same in all frames is seen there, shape (B,).
-        jacobian: the Jacobian itself, by parts, modes, and frequencies, shape (D, n, F, P); of
-            joined spectra None.
+        jacobian: the Jacobian itself, by parts, modes, and frequencies, shape (D, n, F, P); None
+            where it is not kept.
     """
 
     frames: int
@@ -69,32 +69,33 @@ class Spectrum:
         return int(self.part.max()) + 1
 
     def chosen(self, columns: Sequence[int]) -> Spectrum:
-        """The spectrum of some of the parameters."""
+        """The spectrum of some of the parameters, of which the Jacobian is not kept."""
         pick = np.array(columns, dtype=np.int64)
         return replace(
             self, gradient=self.gradient[:, pick], hessian=self.hessian[:, pick[:, None], pick],
-            jacobian=None if self.jacobian is None else self.jacobian[..., pick],
+            jacobian=None,
         )  # fmt: skip
 
-    def of_residual(self, residual: FloatArray) -> Spectrum:
-        """The spectrum of other residuals with the same Jacobian.
+    def of_residual(self, residual: FloatArray, columns: Sequence[int]) -> Spectrum:
+        """The spectrum of other residuals with the same Jacobian, by some of the parameters.
 
         Args:
             residual: coefficients [m], shape (F, K).
+            columns: numbers of the parameters.
         """
-        assert self.jacobian is not None  # it is not a joined one
-        parts, n, frames, _ = self.jacobian.shape
-        bins = list(product(bands(frames), range(parts), mode_groups(n)))
+        assert self.jacobian is not None  # it is that of a recording
+        every = list(columns) == list(range(self.gradient.shape[1]))
+        jacobian = self.jacobian if every else self.jacobian[..., list(columns)]
+        parts, n, frames, count = jacobian.shape
         left = transformed(residual[:, None], n)
+        bins = list(product(bands(frames), range(parts), mode_groups(n)))
         values = [left[p, a:b, low:high].ravel() for (low, high), p, (a, b) in bins]
-        slopes = [
-            self.jacobian[p, a:b, low:high].reshape(len(x), -1)
-            for ((low, high), p, (a, b)), x in zip(bins, values, strict=True)
-        ]
+        slopes = [jacobian[p, a:b, low:high].reshape(-1, count) for (low, high), p, (a, b) in bins]
         return replace(
-            self,
+            self if every else self.chosen(columns),
             sum_of_squares=np.array([x @ x for x in values]),
             gradient=np.array([x @ j for x, j in zip(values, slopes, strict=True)]),
+            jacobian=jacobian,
         )
 
 
@@ -172,11 +173,11 @@ def spectrum(
         for (low, high), part, (first, last) in bins
     ]
     products = np.array([x.T @ x for x in values])  # (B, 1 + P, 1 + P)
-    again = len(bins) // len(groups)
+    again, in_band = len(bins) // len(groups), len(groups) * (width // n)
     share, alone = (np.tile([x[a:b].mean() for a, b in groups], again) for x in (shares, nodal))
     frequency = np.array([np.pi * 0.5 * (low + high - 1) / frames for (low, high), _, _ in bins])
     power = np.zeros(frames) if motion is None else motion
-    swing = np.array([power[low:high].mean() for (low, high), _, _ in bins])
+    swing = np.repeat([power[low:high].mean() for low, high in bands(frames)], in_band)
     return Spectrum(
         frames,
         count=np.array([len(x) for x in values], dtype=np.float64),

@@ -85,15 +85,17 @@ def test_derivatives_of_the_marginal_likelihood(linear):
     assert np.allclose(cost(x)[1], numbers, rtol=1e-4, atol=1e-3)
 
 
-def test_a_spectrum_of_other_residuals_is_as_if_made_of_them():
+@pytest.mark.parametrize("columns", [[0, 2, 4], [0, 1, 2, 3, 4]])
+def test_a_spectrum_of_other_residuals_is_as_if_made_of_them(columns):
     rng = np.random.default_rng(3)
     residual, other = rng.normal(size=(2, 40, 3 * N))
-    jacobian = rng.normal(size=(40, 5, 3 * N))
-    columns = [0, 2, 4]
-    found = spectrum(residual, jacobian, N).chosen(columns).of_residual(other)
-    expected = spectrum(other, jacobian[:, columns], N)
+    jacobian, motion = rng.normal(size=(40, 5, 3 * N)), rng.exponential(size=40)
+    found = spectrum(residual, jacobian, N, motion).of_residual(other, columns)
+    expected = spectrum(other, jacobian[:, columns], N, motion)
     for f in fields(expected):
         assert getattr(found, f.name) == pytest.approx(getattr(expected, f.name), rel=1e-9), f.name
+    assert np.allclose(found.of_residual(residual, range(len(columns))).gradient,
+                       spectrum(residual, jacobian[:, columns], N).gradient)  # fmt: skip
 
 
 def test_what_the_errors_are_made_of_is_found():
