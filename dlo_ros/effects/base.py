@@ -25,6 +25,7 @@ __all__ = [
 PREFIX = "effects."  # of the names of their parameters
 SHORTEST = 0.1  # of the configured length that effects may leave
 BESIDE = 2  # knot spans beside an end that make up for where a grip's compliance is put
+MOST_TAKEN = 0.9  # of their own compliance
 LOCAL = 0.2  # of the length: extent from which one is looked for
 Part = Literal["rod", "command", "measurement"]
 ROD: Part = "rod"
@@ -199,17 +200,16 @@ class Body:
         Its first moment should vanish, too, or the DLO would turn about a point beside the end. So
         w falls from the end over a knot span h and is a little negative in the next m = `BESIDE`,
         w = (2 (1 + m s b) hat_0 - s b (hat_1 + ... + hat_m)) / h with b = 2 / (m (3 m + 1)). The
-        moment is (1 - s) h / 3; s is 1 unless that would leave no positive stiffness.
+        moment is (1 - s) h / 3; s is 1 unless that would leave hardly any compliance there.
         """
-        h, longest = self.basis.span_length, self.basis.length
-        least = 2.0 / (BESIDE * (3 * BESIDE + 1))
-        for end, compliance in zip((0.0, longest), self.grip_compliance, strict=True):
+        h, least = self.basis.span_length, 2.0 / (BESIDE * (3 * BESIDE + 1))
+        for end, compliance in zip((0.0, self.basis.length), self.grip_compliance, strict=True):
             if compliance == 0.0:
                 continue
             turn = compliance / self.lengthening  # curvature counts per true length
-            taken = least * turn * float(self.bend.max()) / h  # of the compliance beside the end
-            less = least / (1.0 + taken**4) ** 0.25
             beside = sum(self.hat(abs(end - k * h)) for k in range(1, BESIDE + 1))
+            taken = least * turn * float(self.bend[beside > 0.0].max()) / h  # of the compliance
+            less = least / (1.0 + (taken / MOST_TAKEN) ** 4) ** 0.25
             share = (2.0 * (1.0 + BESIDE * less) * self.hat(end) - less * beside) / h
             self.bend /= 1.0 + turn * share[:, None] * self.bend
 

@@ -126,7 +126,11 @@ def finer(
         model leaves over.
     """
     settings, recordings = near.settings, beginning.recordings
-    here = simulate(near, recordings, ())
+    try:
+        here = simulate(near, recordings, ())
+    except SimulationError:  # where drafts go on, finer ones may
+        recordings = tuple(refined(r, settings) for r in recordings)
+        return _begun_anew(beginning, *_finer(recordings, simulate(near, recordings, ())), near)
     left = whitened(here, recordings)
     most = IMMATERIAL * rms(left)
     try:
@@ -138,8 +142,7 @@ def finer(
             fine = simulate(near, recordings, ())
             most = IMMATERIAL * rms(whitened(fine, recordings))
             if apart(here, fine, recordings) >= most:
-                at = fitted(beginning.at.model, recordings)
-                return Beginning(recordings, at, error, beginning.left_out, fine)
+                return _begun_anew(beginning, recordings, error, near)
     except SimulationError as err:  # drafts may be too coarse all the same
         LOG.info("no finer simulation: %s", err)
     if not rough:
@@ -148,6 +151,19 @@ def finer(
     drafted = whitened(simulate(near, drafts_of, ()), drafts_of)
     own = [a - left[k][: len(a)] for k, a in zip(rough, drafted, strict=True)]
     return None if rms(own) < most else replace(beginning, near=here)
+
+
+def _begun_anew(
+    beginning: Beginning, recordings: tuple[Recording, ...], error: float, near: ParametricModel
+) -> Beginning:
+    """The initial fit with another simulation.
+
+    Args:
+        recordings, error: see `Beginning`.
+        near: the model for which it is fine enough.
+    """
+    at = fitted(beginning.at.model, recordings)
+    return Beginning(recordings, at, error, beginning.left_out, simulate(near, recordings, ()))
 
 
 def _best_start(coarse: tuple[Recording, ...], model: ParametricModel) -> Simulated:
@@ -220,7 +236,7 @@ def _near(model: ParametricModel, coarse: Sequence[Recording]) -> Simulated:
     return here if found is None or found.mean_err > here.mean_err else found
 
 
-def _finer(recordings: tuple[Recording, ...], at: Simulated) -> tuple[tuple[Recording, ...], float]:
+def _finer(recordings: Sequence[Recording], at: Simulated) -> tuple[tuple[Recording, ...], float]:
     """The recordings with knot spans and time steps that keep the simulation's error small."""
     result, errors = [], []
     settings, length = at.model.settings, at.model.settings.rod.length
