@@ -32,6 +32,7 @@ from dlo_ros.diagnosis.explain.contact_trials import Contact, best_contact
 from dlo_ros.diagnosis.explain.exact_setup import beside_exact_set_up
 from dlo_ros.diagnosis.explain.far_starts import best_far_start
 from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
+from dlo_ros.diagnosis.explain.peg_instead import with_peg_or_wall
 from dlo_ros.diagnosis.explain.peg_size import best_sized
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Scene, Start, effects, starts
@@ -217,6 +218,7 @@ def _concluded(
 ) -> Explanation:  # fmt: skip
     """The explanation that a search has found, without needless causes; these are named later."""
     recordings, begun = prepared.recordings, starts(prepared.scene)
+    found, contact = with_peg_or_wall(found, contact, recordings)
     found = replace(found, at=best_sized(found.at, recordings))
     judged, near = found.at, _near_shapes(found.at, recordings, given)
     complete = _is_complete(near, recordings, given)

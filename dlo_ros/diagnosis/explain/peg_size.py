@@ -83,7 +83,7 @@ def resized(at: Evaluation, size: float) -> ParametricModel:
     """
     model, radius = at.model, _radius(at.model)
     centre = np.array([value_of(model.settings, name) for name in (X, Z)])
-    away = _curves(at) - centre
+    away = curves(at) - centre
     nearest = away[np.argmin(np.sum(away**2, axis=1))]
     outwards = nearest / np.linalg.norm(nearest)
     k = model.index(RADIUS)
@@ -96,7 +96,7 @@ def resized(at: Evaluation, size: float) -> ParametricModel:
     return model.at(theta).with_prior([held])
 
 
-def _curves(at: Evaluation) -> FloatArray:
+def curves(at: Evaluation) -> FloatArray:
     """Points x, z of all predicted shapes [m], shape (K, 2)."""
     rod = at.model.settings.rod
     basis = SplineBasis(rod.control_points, rod.length)

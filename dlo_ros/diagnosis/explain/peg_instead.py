@@ -1,0 +1,92 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A peg in the place of a wall, which a DLO that touches it in one place hardly shows.
+
+Walls are tried from where shapes would go furthest; a peg is proposed only where it explains
+outlier frames by itself, which beside other causes it may not.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+from dlo_ros.diagnosis.contact.contact_search import RADII
+from dlo_ros.diagnosis.contact.peg_places import TouchedPeg
+from dlo_ros.diagnosis.contact.wall_places import normal
+from dlo_ros.diagnosis.explain.candidate_trials import Trial, fitted
+from dlo_ros.diagnosis.explain.cause_search import Search
+from dlo_ros.diagnosis.explain.contact_trials import Contact
+from dlo_ros.diagnosis.explain.peg_size import curves
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_proposals
+from dlo_ros.effects import Start
+from dlo_ros.effects.physics.obstacle import Obstacle
+from dlo_ros.effects.physics.wall import StraightWall
+from dlo_ros.inference.joint import Evaluation
+from dlo_ros.inference.joint_fit import nearest_err
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import value_of
+from dlo_ros.inference.thresholds import LOWERS, SLACK
+
+LOG = logging.getLogger(__name__)
+
+
+def with_peg_or_wall(
+    found: Search, contact: Contact | None, recordings: Sequence[Recording]
+) -> tuple[Search, Contact | None]:
+    """A search's result with a peg for its wall where that comes nearer, or as its rival.
+
+    Args:
+        contact: what was hit as it is known so far; None: nothing.
+
+    Returns:
+        The result, and what was hit with its rivals.
+    """
+    wall = next((c for c in found.causes if c.effect == StraightWall.name), None)
+    known = contact.rivals if contact is not None else {}
+    peg = peg_instead(found.at, wall, recordings) if wall and Obstacle.name not in known else None
+    if wall is None or peg is None:
+        return found, contact
+    at, proposal = peg
+    round_, flat = (nearest_err(e, recordings) for e in (at, found.at))
+    LOG.info("a peg instead of the wall: %.3f mm, %.3f mm with it", 1e3 * round_, 1e3 * flat)
+    if round_ < (1.0 - LOWERS) * flat:
+        causes = tuple(proposal if c is wall else c for c in found.causes)
+        return replace(found, at=at, causes=causes), Contact(peg, {})
+    if (1.0 - LOWERS) * round_ > flat:
+        return found, contact
+    block = at.model.settings.effects[proposal.effect]
+    return found, Contact((found.at, wall), {**known, proposal.effect: block})
+
+
+def peg_instead(at: Evaluation, wall: Proposal, recordings: Sequence[Recording]) -> Trial | None:
+    """The fit with a peg where the DLO touches a wall that comes nearest to the shapes.
+
+    Args:
+        at: a fit with the wall.
+        wall: the wall, of which all is left out.
+    """
+    bare = at.model.without([p.name for p in wall.parameters])
+    found: list[Trial] = []
+    for start in pegs_touched(at):
+        proposal = proposal_of(bare.settings, start)
+        there = fitted(with_proposals(bare, [proposal])[0], recordings)
+        if there is not None:
+            found.append((there, proposal))
+    return min(found, key=lambda trial: trial[0].mean_err, default=None)
+
+
+def pegs_touched(at: Evaluation) -> list[Start]:
+    """Pegs of several sizes in the place of a model's wall, in touch with what it touches."""
+    settings = at.model.settings
+    offset, angle = (value_of(settings, StraightWall.parameter(key)) for key in ("offset", "angle"))
+    away, half = normal(angle), 0.5 * settings.rod.diameter
+    points = curves(at)
+    depth = points @ away - offset - half
+    touched = points[depth <= max(SLACK, float(depth.min()))].mean(axis=0)
+    surface = touched - (float(touched @ away) - offset) * away
+    centres = [surface - radius * away for radius in RADII]
+    return [
+        TouchedPeg(float(x), float(z), radius).start(settings.rod.diameter)
+        for (x, z), radius in zip(centres, RADII, strict=True)
+    ]
