@@ -125,6 +125,28 @@ def test_of_a_slip_is_compared_what_was_simulated():
     assert compared({"point_mass": {"mass": 0.1}}, []) == {"point_mass": {"mass": 0.1}}
 
 
+@pytest.mark.parametrize(
+    ("name", "numbers", "found", "told"),
+    [
+        ("stiffness_gradient", {"change": 0.18}, {"change": (0.17, 0.01)}, True),
+        ("stiffness_gradient", {"change": 0.18}, {"change": (0.12, 0.01)}, False),
+        ("stiffness_gradient", {"change": 0.18}, {"change": (0.17, 0.1)}, False),
+        ("stiffness_gradient", {"change": 0.18}, {"change": (0.17, None)}, False),
+        ("constant_force", {"x": 0.03, "z": 0.01}, {"x": (0.03, 0.001)}, False),
+        ("camera_scale", {"ratio": 1.02}, {"ratio": (1.021, 0.002)}, True),
+        ("camera_scale", {"ratio": 1.02}, {"ratio": (1.03, 0.002)}, False),
+        (
+            "gravity_tilt", {"angle": [0.1, 0.2]},
+            {"angle[0]": (0.1, 0.01), "angle[1]": (0.2, 0.01)}, True,
+        ),
+        ("wall", {}, {}, False),
+    ],
+)  # fmt: skip
+def test_a_cause_may_stand_in_the_table_of_the_set_up_alone(name, numbers, found, told):
+    table = {f"{name}.{key}": {"value": v, "std": std} for key, (v, std) in found.items()}
+    assert evaluate.is_told(name, numbers, table) == told
+
+
 def test_each_effect_has_a_rope_of_its_own(monkeypatch):
     def first_number(rng, seed, names):
         return float(rng.random())
@@ -156,8 +178,12 @@ def test_effects_can_be_asked_for_by_name(monkeypatch, capsys):
     evaluate.main()
     lines = capsys.readouterr().out.splitlines()
     assert "5_wall: no case with wall for seed 5" in lines
-    assert any(s.startswith("wall, 2 cases: named 2, rival 0, missed 0; wrong") for s in lines)
-    assert any(s.startswith("connector, 3 cases: named 0, rival 0, missed 3;") for s in lines)
+    assert any(
+        s.startswith("wall, 2 cases: named 2, rival 0, told 0, missed 0; wrong") for s in lines
+    )
+    assert any(
+        s.startswith("connector, 3 cases: named 0, rival 0, told 0, missed 3;") for s in lines
+    )
 
 
 def test_a_set_up_has_errors_of_the_size_of_its_tolerances():

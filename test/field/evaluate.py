@@ -30,8 +30,9 @@ DAMPINGS = {"air_drag": "air_drag", "internal_damping": "relaxation_time"}
 RATIOS = ("camera_scale", "twisting_stiffness")
 """Errors of a set-up whose numbers are factors."""
 
-OUTCOMES = ("named", "rival", "missed")
-"""Possible outcomes for the main cause."""
+OUTCOMES = ("named", "rival", "told", "missed")
+"""Possible outcomes for the main cause: one that does not matter beside an open set-up may stand in
+the report's table, right and for certain, without being named."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Result:
     """What came of a case.
 
     Args:
-        main: whether the main cause is "named", "rival", or "missed".
+        main: one of `OUTCOMES`.
         wrong: names that stand for nothing that was hidden.
         share: fraction of the explainable ERR that is explained on held-out data.
         missed, parameters: how many numbers of the causes are beyond 10 % and 2 std, and how many
@@ -73,11 +74,36 @@ def judge(case: Case, report: dict) -> tuple[str, tuple[str, ...]]:
         outcome = "named"
     elif main in rivals:
         outcome = "rival"
+    elif main is not None and is_told(main, case.causes[main], report["setup"]):
+        outcome = "told"
     true = set(case.causes) | {n for n in case.set_up if _off(case, n) > 1.0}
     true |= {n for group in ALIKE if group & true for n in group}
     true |= {effect for effect, key in DAMPINGS.items() if _guess_off(case, key) > 1.0}
     wrong = tuple(e["name"] for e in effects if not ({e["name"]} | set(e["rivals"])) & true)
     return outcome, wrong
+
+
+def is_told(name: str, numbers: dict, setup: dict) -> bool:
+    """Whether the table of the set-up holds all numbers of a cause, right and for certain.
+
+    Right is within a tenth or two standard deviations, as for causes that are named.
+    """
+    for key, true in numbers.items():
+        each = np.atleast_1d(true)
+        full = f"{name}.{key}"
+        names = [full] if len(each) == 1 and full in setup else [
+            f"{full}[{k}]" for k in range(len(each))
+        ]  # fmt: skip
+        for entry, x in zip(names, each, strict=True):
+            found = setup.get(entry)
+            if found is None or not found["std"]:
+                return False
+            off, from_neutral = found["value"] - x, x - (1.0 if name in RATIOS else 0.0)
+            if abs(off) > max(0.1 * abs(from_neutral), 2.0 * found["std"]):
+                return False
+            if abs(from_neutral) < 3.0 * found["std"]:
+                return False
+    return bool(numbers)
 
 
 def _off(case: Case, name: str) -> float:

@@ -26,7 +26,7 @@ from dlo_ros.cli.main import main as dlo_ros
 from dlo_ros.errors import SimulationError
 from dlo_ros.synthesis.experiment import read_experiment
 from dlo_ros.synthesis.synthesize import synthesize
-from field.evaluate import judge, processor_time, share
+from field.evaluate import OUTCOMES, judge, processor_time, share
 from field.generate import Case
 
 KINDS = ("grippers", "free", "cause")
@@ -289,7 +289,7 @@ def summary(results: list[Result]) -> list[str]:
     if reports:
         judged = [judge(case, report) for case, report in reports]
         lines.append(
-            ", ".join(f"{w} {sum(o == w for o, _ in judged)}" for w in ("named", "rival", "missed"))
+            ", ".join(f"{w} {sum(o == w for o, _ in judged)}" for w in OUTCOMES)
             + f"; wrong names in {sum(bool(w) for _, w in judged)}"
         )
     for step in results[0].seconds:
