@@ -98,6 +98,27 @@ def test_a_simulation_that_is_fine_enough_is_simulated_once_more(beginning, monk
         finer(replace(beginning, recordings=rough), beginning.at.model, {})
 
 
+def test_a_model_that_cannot_be_simulated_as_it_is_may_be_with_finer_steps(beginning, monkeypatch):
+    def not_as_it_is(model, recordings, *words):
+        if recordings is beginning.recordings and model is near:
+            raise SimulationError("does not converge")
+        return simulate(model, recordings, *words)
+
+    near = replace(beginning.at.model)
+    monkeypatch.setattr(initial_fit, "simulate", not_as_it_is)
+    sharper = finer(beginning, near, {})
+    assert sharper is not None and sharper.near is not None
+    assert sharper.near.model is near
+    assert all(r.tolerance < 1e-2 for r in sharper.recordings)
+
+    def not_at_all(*_):
+        raise SimulationError("does not converge")
+
+    monkeypatch.setattr(initial_fit, "simulate", not_at_all)
+    with pytest.raises(SimulationError):
+        finer(beginning, near, {})
+
+
 @pytest.mark.parametrize(
     ("errors", "begun"),
     [

@@ -124,6 +124,9 @@ def finer(
     Returns:
         None where the simulation's own error, and that of the drafts, is small beside what that
         model leaves over.
+
+    Raises:
+        SimulationError: that model cannot be simulated, with finer steps either.
     """
     settings, recordings = near.settings, beginning.recordings
     try:
