@@ -39,6 +39,7 @@ def test_steps_that_do_for_the_plain_model_are_shortened_for_a_heavy_plug_alone(
     (found,) = with_short_steps([rough], at)
     assert found.tolerance == LONG == found.tolerance_with(["gravity_tilt"])
     assert SHORTEST <= found.tolerance_with(["gravity_tilt", "connector"]) < LONG
+    assert found.tolerance_with(["hysteresis"]) == min(found.rapid.values())
     settings = at.model.settings
     assert error(found, settings) < 0.5 * error(rough, settings)
     assert found.observed is rough.observed

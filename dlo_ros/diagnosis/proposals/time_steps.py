@@ -3,7 +3,9 @@
 
 The initial fit chooses them for the plain model. A heavy plug on a free end moves more rapidly:
 with steps that are right to 0.1 mm without it, shapes may be off by 7 mm, and their derivatives
-have nothing to do with them, so that no fit finds the plug. Models without it keep the longer ones.
+have nothing to do with them, so that no fit finds the plug. A creep, or a friction within the DLO,
+for which a plain model stands with more damping, leaves a motion faster, too: models with such an
+effect have the shortest of these steps. All others keep the longer ones.
 """
 
 from __future__ import annotations
@@ -70,7 +72,14 @@ def _short_enough(
         if tolerance is not None and tolerance < rapid.get(name, recording.tolerance or 0.0):
             LOG.info("%s: steps of %g with %s", recording.name, tolerance, name)
             rapid[name] = tolerance
+    if rapid:
+        rapid |= dict.fromkeys(_stood_for(), min(rapid.values()))
     return replace(recording, rapid=rapid)
+
+
+def _stood_for() -> list[str]:
+    """Names of effects for which a plain rod may stand, which then damps what they do not damp."""
+    return [name for name, effect in effects().items() if "instead_of" in vars(effect)]
 
 
 def _tolerance(recording: Recording, model: ParametricModel, allowed: float) -> float | None:
