@@ -136,7 +136,7 @@ def apart(at: Simulated, other: Simulated, recordings: Sequence[Recording]) -> f
 
 
 def whitened(at: Simulated, recordings: Sequence[Recording]) -> list[FloatArray]:
-    """What a model leaves of each recording in units of the noise, shape (F, K) each."""
+    """Residuals of each recording in units of the noise, shape (F, K) each."""
     return [r / recording.noise for (r, _), recording in zip(at.fields, recordings, strict=True)]
 
 

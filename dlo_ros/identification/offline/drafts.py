@@ -77,7 +77,7 @@ def _draft(
             continue
         if rms([recording.coefficients(off) / recording.noise]) < max(IMMATERIAL, share):
             draft, off = _longer_steps(draft, off, model, fine, share)
-            # What it does wrong with this model, it does with others, nearly.
+            # Its error is nearly the same with other models.
             return draft.moved(off)
     return recording
 
