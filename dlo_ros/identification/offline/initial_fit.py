@@ -133,7 +133,8 @@ def finer(
         here = simulate(near, recordings, ())
     except SimulationError:  # where drafts go on, finer ones may
         recordings = tuple(refined(r, settings) for r in recordings)
-        return _begun_anew(beginning, *_finer(recordings, simulate(near, recordings, ())), near)
+        recordings, error = _finer(recordings, simulate(near, recordings, ()))
+        return _begun_anew(beginning, recordings, error, simulate(near, recordings, ()))
     left = whitened(here, recordings)
     most = IMMATERIAL * rms(left)
     try:
@@ -145,7 +146,7 @@ def finer(
             fine = simulate(near, recordings, ())
             most = IMMATERIAL * rms(whitened(fine, recordings))
             if apart(here, fine, recordings) >= most:
-                return _begun_anew(beginning, recordings, error, near)
+                return _begun_anew(beginning, recordings, error, fine)
     except SimulationError as err:  # drafts may be too coarse all the same
         LOG.info("no finer simulation: %s", err)
     if not rough:
@@ -157,16 +158,11 @@ def finer(
 
 
 def _begun_anew(
-    beginning: Beginning, recordings: tuple[Recording, ...], error: float, near: ParametricModel
+    beginning: Beginning, recordings: tuple[Recording, ...], error: float, near: Simulated
 ) -> Beginning:
-    """The initial fit with another simulation.
-
-    Args:
-        recordings, error: see `Beginning`.
-        near: the model for which it is fine enough.
-    """
+    """The initial fit with another simulation; the other arguments: see `Beginning`."""
     at = fitted(beginning.at.model, recordings)
-    return Beginning(recordings, at, error, beginning.left_out, simulate(near, recordings, ()))
+    return Beginning(recordings, at, error, beginning.left_out, near)
 
 
 def _best_start(coarse: tuple[Recording, ...], model: ParametricModel) -> Simulated:
