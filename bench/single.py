@@ -15,10 +15,11 @@ from bench.tasks import T1, T2, Task
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.rod import dynamics, statics
 from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.compiled_rod import compiled
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import nothing_varies, rest_state_of, unchanged
 from dlo_ros.rod.sensitivity import sensitive_equilibrium
-from dlo_ros.rod.sensitivity_parameters import MATERIAL, compiled
+from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.rod.state import State
 
 PARAMETERS = MATERIAL

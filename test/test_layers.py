@@ -51,6 +51,7 @@ INSIDE = {
         ("planar_model", "motion_validation"),
         ("packing",),
         ("sensitivity_parameters",),
+        ("compiled_rod",),
         ("integration", "measured_shapes", "statics"),
         ("stretch_relaxation",),
         ("batch", "loads", "resolution"),

@@ -19,12 +19,12 @@ from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
 from dlo_ros.rod.batch.rod_in_lanes import RodInLanes
 from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.compiled_rod import compiled
 from dlo_ros.rod.integration import Track, integrate
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import moving_of, state_of, true_command
 from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.sensitivity.sensitivity_state import LINEAR
-from dlo_ros.rod.sensitivity_parameters import compiled
 from dlo_ros.rod.solve.generalised_alpha import starting_acceleration
 from dlo_ros.rod.state import State
 

@@ -11,13 +11,13 @@ from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
 from dlo_ros.rod.boundary.command_timeline import CommandTimeline
 from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.compiled_rod import compiled
 from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.motion_validation import possible
 from dlo_ros.rod.observed_start import FirstShapes, observed_start
 from dlo_ros.rod.packing import true_command
 from dlo_ros.rod.planar_model import in_plane
-from dlo_ros.rod.sensitivity_parameters import compiled
 from dlo_ros.rod.state import State, rest_state
 from dlo_ros.rod.statics import settle
 from dlo_ros.rod_settings import RodSettings

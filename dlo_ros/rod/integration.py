@@ -12,10 +12,10 @@ from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, SimulationError
 from dlo_ros.rod import adaptive_integration
 from dlo_ros.rod.boundary.imposed_motion import NO_DIRECTION_TEXT, Boundary
+from dlo_ros.rod.compiled_rod import compiled
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import moving_of, nothing_varies, state_of, true_command, varying_of
 from dlo_ros.rod.planar_model import expand
-from dlo_ros.rod.sensitivity_parameters import compiled
 from dlo_ros.rod.solve.generalised_alpha import DONE, NO_DIRECTION, SMALLEST_STEP
 from dlo_ros.rod.solve.integrator_state import TIME
 from dlo_ros.rod.state import State

@@ -17,12 +17,13 @@ from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
 from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.compiled_rod import both_sides
 from dlo_ros.rod.dynamics import with_consistent_acceleration
 from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import nothing_varies
 from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
-from dlo_ros.rod.sensitivity_parameters import both_sides, variation_of
+from dlo_ros.rod.sensitivity_parameters import variation_of
 from dlo_ros.rod.state import State, rest_state
 from dlo_ros.rod.statics import hold, reachable
 from dlo_ros.rod.stretch_relaxation import Relaxation
@@ -74,7 +75,7 @@ def observed_start(
     for k, name in enumerate(parameters):
         chosen = variation_of(model.settings, name)
         pair = []
-        for varied, asked in both_sides(model, first.command, chosen):
+        for varied, asked in both_sides(model, first.command, name):
             asking, mapping = replace(first, command=asked), MeasurementMap(varied.settings)
             there = _Begun(varied, boundary, asking, mapping, begun)
             moved = shape

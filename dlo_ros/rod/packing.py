@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.effects import Effect
 from dlo_ros.rod.boundary import conditions
-from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.boundary.imposed_motion import KEPT, Boundary
 from dlo_ros.rod.elements.rod_tables import (
     ConstitutiveLaw,
     InternalVariables,
@@ -34,20 +35,25 @@ IMPOSED_KEPT = 64
 
 def parts_of(model: RodModel, boundary: Boundary, *, flat: bool) -> System:
     """The rod's numbers as one variant, without the leading axis that compiled code expects."""
-    n = model.basis.control_points
-    fixed, pins, rows = boundary.fixed, boundary.pins, boundary.pin_rows
-    if flat:
-        columns = (4 * np.arange(n)[:, None] + np.array(IN_PLANE)).ravel()
-        coordinates = [k for k in range(len(pins)) if k % 3 in IN_PLANE]
-        fixed = fixed[columns]
-        pins = np.ascontiguousarray(pins[coordinates][:, columns])
-        rows = np.ascontiguousarray(rows[coordinates][:, columns])
+    fixed, pins, rows = _held(boundary, flat)
     uniform = Uniform(model.line_mass, model.spin, model.drag, reduce(model.line_load, flat))
     return System(
         model.rule, model.stiffness, model.law, model.surroundings, model.mass, model.spin,
         model.drag, reduce(model.load, flat), uniform, np.array(model.body.relaxation_time),
         np.array(boundary.reach * model.body.lengthening), fixed, pins, rows, model.basis.length,
     )  # fmt: skip
+
+
+@lru_cache(maxsize=KEPT)
+def _held(boundary: Boundary, flat: bool) -> tuple[np.ndarray, FloatArray, FloatArray]:
+    """What holds a rod: which numbers are imposed, and rows of the pins, see `Boundary`."""
+    fixed, pins, rows = boundary.fixed, boundary.pins, boundary.pin_rows
+    if not flat:
+        return fixed, pins, rows
+    columns = (4 * np.arange(len(fixed) // 4)[:, None] + np.array(IN_PLANE)).ravel()
+    coordinates = [k for k in range(len(pins)) if k % 3 in IN_PLANE]
+    pinned, all_rows = (np.ascontiguousarray(x[coordinates][:, columns]) for x in (pins, rows))
+    return fixed[columns], pinned, all_rows
 
 
 def stacked(parts: Sequence[System]) -> System:

@@ -11,6 +11,7 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, SimulationError
 from dlo_ros.rod.boundary.imposed_motion import NO_DIRECTION_TEXT, Boundary, Held
+from dlo_ros.rod.compiled_rod import compiled
 from dlo_ros.rod.elements.rod_tables import (
     ConstitutiveLaw,
     InternalVariables,
@@ -22,7 +23,6 @@ from dlo_ros.rod.packing import rest_state_of, true_command, unchanged
 from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.sensitivity import sensitive_equilibrium
 from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
-from dlo_ros.rod.sensitivity_parameters import compiled
 from dlo_ros.rod.solve.generalised_alpha import DONE, NO_DIRECTION
 from dlo_ros.rod.state import State, Strains
 from dlo_ros.spline import FloatArray

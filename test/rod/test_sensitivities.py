@@ -11,7 +11,7 @@ from rods import PAPER, SECOND, command
 from dlo_ros.command import Command, Motion
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
-from dlo_ros.rod import integration, sensitivity_parameters
+from dlo_ros.rod import compiled_rod, integration
 from dlo_ros.rod.batch import parameter_sets
 from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.resolution import build
@@ -332,13 +332,31 @@ def test_only_effects_on_the_rod_itself_need_rods_of_their_own(monkeypatch):
     imposed = command(["start"], [0.0, 1.0], np.zeros((2, 1, 3)))
     model, boundary = build(PAPER.with_effects(effects), imposed, 6)
     names = ("effects.clamp_offset.start[0]", "effects.camera_shift.x", "effects.point_mass.mass")
-    built = []
-    parts = sensitivity_parameters.parts_of
-    monkeypatch.setattr(
-        sensitivity_parameters, "parts_of",
-        lambda rod, *asked, **options: built.append(rod) or parts(rod, *asked, **options),
-    )  # fmt: skip
-    found = sensitivity_parameters.compiled(model, boundary, imposed, names, flat=True)
+    built = watched(monkeypatch)
+    found = compiled_rod.compiled(model, boundary, imposed, names, flat=True)
     assert [rod is model for rod in built] == [True, False, False]
     assert found.moves.tolist() == [1.0, 0.0, 0.0]
     assert [bool(rate.any()) for rate in found.rates.mass] == [False, False, True]
+
+
+def test_recordings_share_the_rods_of_their_parameters(monkeypatch):
+    """They differ in their commands and time steps alone."""
+    names, built, found = ("young_modulus", "start.x"), watched(monkeypatch), []
+    for tolerance, height in ((1e-3, 0.0), (1e-4, 0.3)):
+        imposed = command(["start"], [0.0, 1.0], np.full((2, 1, 3), height))
+        simulation = replace(PAPER.simulation, tolerance=tolerance)
+        model, boundary = build(replace(PAPER, simulation=simulation), imposed, 7)
+        found.append(compiled_rod.compiled(model, boundary, imposed, names, flat=True))
+    assert len(built) == 3
+    assert found[0].rates is found[1].rates
+    assert [f.imposed.positions[0, 0, 0, 2] for f in found] == [0.0, 0.3]
+
+
+def watched(monkeypatch):
+    """The rods whose numbers are computed from here on."""
+    built, parts = [], compiled_rod.parts_of
+    monkeypatch.setattr(
+        compiled_rod, "parts_of",
+        lambda rod, *asked, **options: built.append(rod) or parts(rod, *asked, **options),
+    )  # fmt: skip
+    return built

@@ -26,7 +26,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, Simulated, differences, simulate
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.rod.sensitivity_parameters import is_linear
+from dlo_ros.rod.compiled_rod import is_linear
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)

@@ -20,7 +20,7 @@ from dlo_ros.inference.joint import Evaluation, Field, Simulated, linear_posteri
 from dlo_ros.inference.parameter import SLAB, Parameter, ParametricModel
 from dlo_ros.inference.spectrum import Spectrum, spectrum
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.sensitivity_parameters import is_linear
+from dlo_ros.rod.compiled_rod import is_linear
 from dlo_ros.spline import FloatArray
 
 AMPLITUDE_STD = 1.5

@@ -17,7 +17,7 @@ from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import IMMATERIAL
 from dlo_ros.spline import DEGREE, FloatArray
 
-LONGEST, TIME_ROUNDS, TIME_FACTOR = 1e-2, 5, 10.0
+LONGEST, TIME_ROUNDS, TIME_FACTOR = 1e-2, 9, 10.0**0.5
 """Tolerances of time steps that are tried: the largest, by which one step may add 0.3 mm per metre
 of DLO, their number, and the factor between two of them."""
 SPACE_ROUNDS, SPACE_FACTOR = 5, 4.0

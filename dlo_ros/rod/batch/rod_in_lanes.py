@@ -16,11 +16,11 @@ from dlo_ros.rod.batch.parameter_sets import accuracy
 from dlo_ros.rod.batch.sensitivity_lanes import NO_PARAMETERS, variations_of
 from dlo_ros.rod.batch.single_rod import StackedState
 from dlo_ros.rod.boundary.imposed_motion import NO_DIRECTION_TEXT, Boundary
+from dlo_ros.rod.compiled_rod import Compiled
 from dlo_ros.rod.elements.rod_tables import DOF, Reference
 from dlo_ros.rod.integration import Track
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
-from dlo_ros.rod.sensitivity_parameters import Compiled
 from dlo_ros.rod.simd.eight_lanes import rows
 from dlo_ros.rod.solve.generalised_alpha import DONE, NO_DIRECTION
 from dlo_ros.rod.state import State, Strains

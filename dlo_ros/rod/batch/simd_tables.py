@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -47,12 +48,10 @@ def tables_of(rule: Quadrature, fixed: FloatArray, *, alone: bool = False) -> Ta
     spans = len(rule.weight) // 3
     free = np.flatnonzero(~fixed.all(axis=1))
     lo, hi = (int(free[0]), int(free[-1]) + 1) if len(free) else (len(fixed), len(fixed))
-    products = np.empty((spans, PAIRS, 3, 4))
     b1, b2 = rule.b1.reshape(spans, 3, 4), rule.b2.reshape(spans, 3, 4)
-    pairs = [(i, j) for i in range(4) for j in range(i + 1)]
-    for p, (i, j) in enumerate(pairs):
-        for c, (left, right) in enumerate(((b1, b1), (b1, b2), (b2, b1), (b2, b2))):
-            products[:, p, :, c] = left[:, :, i] * right[:, :, j]
+    i, j = np.tril_indices(4)
+    products = np.stack([x[:, :, i] * y[:, :, j] for x, y in product((b1, b2), repeat=2)], axis=-1)
+    products = np.ascontiguousarray(products.transpose(0, 2, 1, 3))
     linear, twisted = rule.stretch_linear.astype(np.float64), rule.twist_linear.astype(np.float64)
     together = span_lanes(rule, products, fixed.shape[1], alone=alone)
     return Tables(
