@@ -48,6 +48,7 @@ SETTINGS = {
     "suspects.AT_MOST",
     # How many pictures, messages or seconds a method takes.
     "first_motion.PICTURES",
+    "first_motion.STILL",
     "holdout.SPARE",
     "missing_force.WINDOW",
     "wrench_messages.LONGEST_WINDOW",

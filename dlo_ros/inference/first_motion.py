@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""How a recording begins: at rest, let go, or in full motion.
+"""How a recording begins: at rest and for how long, let go, or in full motion.
 
 A DLO in equilibrium moves as its command does. One that moves much farther has been let go, or has
 been in motion before the recording began.
@@ -7,15 +7,21 @@ been in motion before the recording began.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dlo_ros.inference.forecast import Manipulation, motion_of
 from dlo_ros.inference.thresholds import FARTHER_THAN_LED, STEADY, TRACKER_ERROR
+from dlo_ros.observation import Observation
 from dlo_ros.spline import FloatArray, SplineBasis
 
 PICTURES = 5
 """First pictures that tell of a motion: enough to tell it from noise and from a wrong picture."""
 POINTS = 33
+STILL = 1e-4
+"""Distance over L by which a command that holds a DLO still may carry it: a hundredth of a
+tracker's largest error."""
 
 
 def apparent_start(manipulation: Manipulation, length: float) -> str | None:
@@ -56,19 +62,37 @@ def apparent_start(manipulation: Manipulation, length: float) -> str | None:
     return "observed" if _size(velocity[0] - gained) < _size(gained) else "moving"
 
 
+def frames_at_rest(manipulation: Manipulation, length: float) -> int:
+    """Number of the first frames in which the command holds the DLO still.
+
+    Args:
+        length: length of the DLO [m].
+    """
+    moved = _carried(manipulation, manipulation.observations, length) > STILL * length
+    return int(np.argmax(moved)) if moved.any() else len(moved)
+
+
 def _imposed(manipulation: Manipulation, length: float) -> float:
     """Distance by which the command alone carries any point in the first pictures [m]."""
-    if not manipulation.commands:
-        return 0.0
+    carried = _carried(manipulation, manipulation.observations[:PICTURES], length)
+    return float(carried.max(initial=0.0))
+
+
+def _carried(
+    manipulation: Manipulation, observations: Sequence[Observation], length: float
+) -> FloatArray:
+    """Distance by which the command alone has carried any point at each observation [m].
+
+    It is infinite where the command holds something else than at first.
+    """
     motion = motion_of(manipulation)
-    stamps = [o.stamp for o in manipulation.observations[:PICTURES]]
-    poses = [c.sample(stamp) for stamp in stamps if (c := motion.at(stamp)) is not None]
-    if any(len(places) != len(poses[0][0]) for places, _ in poses):
-        return np.inf
+    poses = [c.sample(o.stamp) for o in observations if (c := motion.at(o.stamp)) is not None]
+    if len({len(places) for places, _ in poses}) != 1:
+        return np.full(len(observations), np.inf if poses else 0.0)
     places, turns = (np.array(of_all) for of_all in zip(*poses, strict=True))  # (F, m, 3 and 4)
     cosine = np.abs(np.sum(turns * turns[0], axis=2)).clip(max=1.0)
     moved = np.linalg.norm(places - places[0], axis=2) + 2.0 * np.arccos(cosine) * length
-    return float(moved.max(initial=0.0))
+    return np.asarray(moved.max(axis=1, initial=0.0))
 
 
 def _size(vectors: FloatArray) -> float:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from dlo_ros.errors import InputError
-from dlo_ros.inference.forecast import Manipulation, unit_of
+from dlo_ros.inference.first_motion import frames_at_rest
+from dlo_ros.inference.forecast import Manipulation, Window, as_started, unit_of
 from dlo_ros.inference.observation_operator import directions, noise_unit, operator_of
 from dlo_ros.inference.smooth_modes import whitening
 from dlo_ros.inference.spectrum import motion_power
@@ -45,6 +46,7 @@ class Recording:
             the effect's name.
         beyond: difference of measured points from the observed splines, in coefficients [m], shape
             (F, K). Of pictures with points, `across` and it are those of `observation_operator`.
+        frames_at_rest: number of its first frames in which the command holds the DLO still.
     """
 
     manipulation: Manipulation
@@ -56,6 +58,7 @@ class Recording:
     tolerance: float | None = None
     rapid: Mapping[str, float] = field(default_factory=dict)
     beyond: FloatArray | None = None
+    frames_at_rest: int = 0
 
     @property
     def name(self) -> str:
@@ -121,6 +124,7 @@ class Recording:
             self, manipulation=replace(self.manipulation, observations=observations),
             observed=self.observed[frames], times=times - times[0], across=self.across[frames],
             beyond=None if self.beyond is None else self.beyond[frames],
+            frames_at_rest=int(np.sum(frames < self.frames_at_rest)),
         )  # fmt: skip
 
 
@@ -138,8 +142,13 @@ def measured(manipulation: Manipulation, settings: Settings) -> Recording:
     observed = np.array([o.control_points[:, :3] for o in manipulation.observations])
     stamps = np.array([o.stamp for o in manipulation.observations], dtype=np.int64)
     across, times = spline_space(observed, settings), (stamps - stamps[0]) * 1e-9
-    recording = Recording(manipulation, observed, times, across, np.ones(across.shape[1]))
-    return _with_points(recording, settings.rod.length)
+    length, begins = settings.rod.length, as_started(settings, manipulation).simulation.start
+    still = begins == "equilibrium" and not isinstance(manipulation, Window)
+    recording = Recording(
+        manipulation, observed, times, across, np.ones(across.shape[1]),
+        frames_at_rest=frames_at_rest(manipulation, length) if still else 0,
+    )  # fmt: skip
+    return _with_points(recording, length)
 
 
 def _with_points(recording: Recording, length: float) -> Recording:

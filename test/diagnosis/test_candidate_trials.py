@@ -30,6 +30,7 @@ def best_of(
     vitals=(),
     begun=(),
     own=0.0,
+    apart=1.1,
 ):
     """The cause that is added, and what became of each, by name.
 
@@ -42,6 +43,7 @@ def best_of(
         vitals: names of those on which E depends.
         begun: names of those whose fits have begun already.
         own: ERR of the measurement alone [m].
+        apart: ERR with which one begins over that of the one before.
     """
     promised = promised or dict.fromkeys(fits, 10.0)
     proposals = {
@@ -55,7 +57,7 @@ def best_of(
     names = list(promised)
 
     def beginning(_, predicted, __):
-        err = 1e-3 + 1e-6 * names.index(predicted.model)
+        err = 1e-3 * apart ** names.index(predicted.model)
         vital = predicted.model in vitals or predicted.gain > INDISPENSABLE
         return trial_beginnings.Beginning(predicted, err, vital)
 
@@ -138,6 +140,16 @@ def test_one_trial_is_that_of_the_largest_predicted_gain(monkeypatch):
     assert added == "friction"
     near = {"mass 2": "others come nearer", "mass 3": "others come nearer"}
     assert near.items() <= told.items() and len(told) == len(fits)
+
+
+def test_of_those_that_begin_equally_near_the_likeliest_are_fitted(monkeypatch):
+    """A few steps tell nothing of two that do the same, such as a tilt and an even force."""
+    fits = {name: (9.0 + k, 1e-3) for k, name in enumerate(("creep", "mass", "force", "tilt"))}
+    promised = {"creep": 40.0, "mass": 10.0, "force": 13.0, "tilt": 30.0}
+    _, told = best_of(monkeypatch, fits, promised=promised, apart=1.001)
+    assert told["mass"] == "others come nearer"
+    _, told = best_of(monkeypatch, fits, promised=promised, apart=1.1)
+    assert told["force"] == "others come nearer"
 
 
 def test_trials_are_those_of_different_effects(monkeypatch):

@@ -122,7 +122,10 @@ def recording(speed, grip="start"):
     observed[..., 0] = speed * times[:, None]
     command = SimpleNamespace(names=(grip,))
     return SimpleNamespace(
-        times=times, observed=observed, manipulation=SimpleNamespace(commands=(command,))
+        times=times,
+        observed=observed,
+        manipulation=SimpleNamespace(commands=(command,)),
+        frames_at_rest=0,
     )
 
 
@@ -169,6 +172,7 @@ def own_err(monkeypatch, noises, still=(), free=(), along=1e-6, slides=()):
         SimpleNamespace(
             observed=shapes * (k not in still),
             times=np.arange(9.0),
+            frames_at_rest=0,
             beyond=0.0 if slides else None,
             manipulation=k,
         )

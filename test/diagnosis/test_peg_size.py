@@ -63,18 +63,21 @@ def test_a_peg_of_another_size_touches_the_same_point_and_keeps_its_size(size, e
 def test_the_size_that_explains_most_is_taken_and_held(monkeypatch, gains, expected):
     at = hit(evidence=500.0)  # that of derivatives by the size
 
-    def fitted(model, _):
+    def fitted(_, model, __):
         gain = gains[round(radius(model) / BIG, 6)]
         if gain is None:
             return None
         return SimpleNamespace(model=model, posterior=SimpleNamespace(evidence=gain))
 
-    monkeypatch.setattr(peg_size, "fitted", fitted)
+    ends = []
+    monkeypatch.setattr(peg_size, "fitted_beside", fitted)
+    monkeypatch.setattr(peg_size, "fit", lambda begun, *_: ends.append(begun) or begun)
     found = best_sized(at, ())
+    assert ends == [found]  # one is fitted to its end
     assert radius(found.model) == pytest.approx(expected * BIG)
     again = resized(SimpleNamespace(model=found.model, predicted=at.predicted), 1.0)
     assert again.parameters[again.index(RADIUS)].std == HELD
-    monkeypatch.setattr(peg_size, "fitted", lambda *_: None)
+    monkeypatch.setattr(peg_size, "fitted_beside", lambda *_: None)
     assert best_sized(at, ()) is at
 
 
@@ -97,11 +100,11 @@ def test_a_model_without_a_peg_stays_as_it_is():
 def test_a_size_is_known_no_better_than_pegs_differ_that_explain_as_much(monkeypatch, losses, std):
     at = hit()
 
-    def fitted(model, _):
+    def fitted(_, model, __):
         loss = losses[round(radius(model) / BIG, 6)]
         return None if loss is None else SimpleNamespace(loss=loss)
 
-    monkeypatch.setattr(candidate_trials, "fitted", fitted)
+    monkeypatch.setattr(candidate_trials, "fitted_beside", fitted)
     monkeypatch.setattr(candidate_trials, "misfit", lambda e, _: getattr(e, "loss", 0.0))
     factors = peg_factors(at, [None])
     assert factors[RADIUS] * 0.01 == pytest.approx(std)

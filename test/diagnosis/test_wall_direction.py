@@ -62,11 +62,11 @@ def test_the_direction_is_known_no_better_than_walls_differ_that_explain_as_much
 ):
     at = hit()
 
-    def fitted(model, _):
+    def fitted(_, model, __):
         turn = round(model.settings.effects["wall"]["angle"] - 0.2, 6)
         return None if losses[turn] is None else SimpleNamespace(loss=losses[turn])
 
-    monkeypatch.setattr(candidate_trials, "fitted", fitted)
+    monkeypatch.setattr(candidate_trials, "fitted_beside", fitted)
     monkeypatch.setattr(candidate_trials, "misfit", lambda e, _: getattr(e, "loss", 0.0))
     factors = wall_factors(at, [None])
     assert factors.get(ANGLE, 1.0) * STD == pytest.approx(std)

@@ -9,8 +9,12 @@ import yaml
 
 from dlo_ros.cli.main import main
 from dlo_ros.command import Command
-from dlo_ros.inference.first_motion import apparent_start
+from dlo_ros.diagnosis.explain.measurement_error import own_err
+from dlo_ros.identification.material_model import material_model
+from dlo_ros.inference.first_motion import apparent_start, frames_at_rest
 from dlo_ros.inference.forecast import Manipulation, forecast
+from dlo_ros.inference.joint import evaluate
+from dlo_ros.inference.measured import measured
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import BAG_MESSAGES, BagWriter, command_message, spline_message, topics
@@ -135,3 +139,37 @@ def test_predict_starts_a_swing_where_it_was_let_go(tmp_path, caplog):
     caplog.clear()
     assert first_err("stated") > 0.05 * LENGTH
     assert "try --start observed" in caplog.text
+
+
+@pytest.mark.parametrize(("begins", "turning", "still"), [(0, 1.0, 1), (5, 1.0, 6), (5, 0.0, 12)])
+def test_frames_at_rest_are_those_before_the_command_moves(begins, turning, still):
+    given = recording([0.0] * FRAMES, turning=turning)
+    waiting = replace(given.commands[0], stamp=BEGIN + begins * EVERY)
+    assert frames_at_rest(replace(given, commands=(waiting,)), LENGTH) == still
+
+
+def test_a_recording_that_begins_in_motion_has_no_frames_at_rest():
+    given = recording([0.0] * FRAMES, noise=1e-5)
+    assert measured(given, ROD).frames_at_rest == FRAMES
+    assert measured(given, ROD).of(np.arange(3, 7)).frames_at_rest == 4
+    assert measured(given, ROD).of(np.array([3, 11])).frames_at_rest == 2
+    assert measured(replace(given, start="moving"), ROD).frames_at_rest == 0
+
+
+def test_what_changes_at_rest_is_the_measurement_however_smooth_it_is():
+    """A smooth error that lasts for some frames looks like one of the model."""
+    draw, shapes = np.random.default_rng(3), []
+    size = np.zeros(2)
+    for _ in range(8 * FRAMES):
+        size = 0.85 * size + 1e-4 * draw.normal(size=2)
+        shape = bent(0.0)
+        shape[:, :3:2] += size * np.linspace(0.0, 1.0, N)[:, None] + 4e-5 * draw.normal(size=(N, 2))
+        shapes.append(shape)
+    given = recording([0.0] * len(shapes))
+    seen = zip(given.observations, shapes, strict=True)
+    given = replace(given, observations=tuple(replace(o, control_points=s) for o, s in seen))
+    found = measured(given, ROD)
+    at = evaluate(material_model(ROD, ROD), [found])
+    blind = own_err(at, [replace(found, frames_at_rest=0)])
+    assert blind < 0.65 * at.mean_err
+    assert 0.75 * at.mean_err < own_err(at, [found]) < at.mean_err

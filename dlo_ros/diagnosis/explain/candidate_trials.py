@@ -20,7 +20,7 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
 )
 from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, evaluate
+from dlo_ros.inference.joint import Evaluation, borrowed, evaluate
 from dlo_ros.inference.joint_fit import fit, nearest_err
 from dlo_ros.inference.losses import WHITE, misfit
 from dlo_ros.inference.measured import Recording
@@ -33,6 +33,7 @@ from dlo_ros.inference.thresholds import (
     OWN,
     PROMISING,
     SAME_GAIN,
+    SMALL_SHARE,
     WORTH,
 )
 
@@ -148,7 +149,9 @@ def _chosen(
     checked: Sequence[Beginning], at: Evaluation, least: float
 ) -> tuple[list[Beginning], list[tuple[Beginning, str]]]:
     """Proposals that are fitted, and why the others are not; see `best_trial`."""
-    nearest = sorted(checked, key=lambda c: c.err)
+    # Of those that come equally near, as what another one can do does, the likeliest first.
+    alike = (1.0 + SMALL_SHARE) * min((c.err for c in checked), default=0.0)
+    nearest = sorted(checked, key=lambda c: (max(c.err, alike), -c.gain))
     near = any(c.err <= least for c in checked)
     enough = _various([c for c in nearest if near or c.vital], lambda c: _kind(c.predicted))
     # A few steps tell little of what must leave the set-up's wrong valley first: one trial is that
@@ -282,8 +285,26 @@ def refit_loss(
     at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]
 ) -> float:  # fmt: skip
     """Loss of log posterior with another model, fitted anew; infinite where that is impossible."""
-    found = fitted(model, recordings)
+    found = fitted_beside(at, model, recordings)
     return np.inf if found is None else misfit(found, at) - misfit(at, at)
+
+
+def fitted_beside(
+    at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]
+) -> Evaluation | None:
+    """A model fitted with the derivatives of one beside it, as long as they predict what is gained.
+
+    Args:
+        at: the evaluation of a model with the same parameters.
+
+    Returns:
+        None where it cannot be simulated.
+    """
+    try:
+        return fit(borrowed(at, model, recordings), recordings, FIT_ITERATIONS, draft=True)
+    except SimulationError as err:
+        LOG.info("not fitted: %s", err)
+        return None
 
 
 def comes_nearer(found: Evaluation, at: Evaluation, recordings: Sequence[Recording]) -> bool:

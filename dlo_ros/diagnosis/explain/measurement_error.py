@@ -13,7 +13,14 @@ from dlo_ros.inference.measured import Recording, spline_space
 from dlo_ros.inference.scene import free_ends
 from dlo_ros.inference.smooth_modes import whitening
 from dlo_ros.inference.spectrum import Spectrum
-from dlo_ros.inference.thresholds import APART, FEWEST_FRAMES, OWN, STAYING_SHARE, TRACKER_ERROR
+from dlo_ros.inference.thresholds import (
+    APART,
+    FEWEST,
+    FEWEST_FRAMES,
+    OWN,
+    STAYING_SHARE,
+    TRACKER_ERROR,
+)
 from dlo_ros.inference.variances import REPEATED_STD, Variances
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -57,7 +64,9 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
         moved = recording.observed - recording.observed.mean(axis=0)
         still = np.mean(np.sum(moved**2, axis=2)) < np.sum(staying)
         counts = (STAYING_SHARE if still else 1.0) ** 2
-        found.append(np.minimum(_noise(variances, recording), most) + counts * staying)
+        noise = _noise(variances, recording)
+        noise = np.maximum(noise, _at_rest(residual, noise, recording))
+        found.append(np.minimum(noise, most) + counts * staying)
         slides.append(counts * float(_credible(np.array(stretched), most)))
         if recording.beyond is not None:
             slides[-1] += min(_along(recording, predicted, at.model.settings), most)
@@ -151,6 +160,24 @@ def _noise(variances: Variances, recording: Recording) -> FloatArray:
         return noise
     scattered = np.sum(recording.noise.reshape(len(noise), -1) ** 2, axis=1)
     return np.asarray(np.minimum(noise, scattered))
+
+
+def _at_rest(residual: FloatArray, noise: FloatArray, recording: Recording) -> FloatArray:
+    """Variance in each direction of what changes while the DLO is held still [m^2]; 0: it is not.
+
+    That is the measurement, also where it is smooth along the DLO and lasts for some frames, as
+    errors of models are. A DLO that still swings a little counts for no more than `APART` times the
+    noise.
+
+    Args:
+        residual: coefficients, shape (F, K).
+        noise: variance of the noise in each direction [m^2], shape (D,).
+    """
+    frames = recording.frames_at_rest
+    if frames < FEWEST or len(residual) < len(recording.times):
+        return np.zeros_like(noise)
+    scatter = np.var(residual[:frames], axis=0, ddof=1).reshape(len(noise), -1).sum(axis=1)
+    return np.asarray(np.minimum(scatter, APART**2 * noise))
 
 
 def mean_length(sizes: FloatArray) -> float:

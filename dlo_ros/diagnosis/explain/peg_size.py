@@ -14,9 +14,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import fitted, refit_loss
+from dlo_ros.diagnosis.explain.candidate_trials import (
+    FIT_ITERATIONS,
+    fitted_beside,
+    refit_loss,
+)
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.inference.joint import Evaluation
+from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import HELD, ParametricModel, value_of
 from dlo_ros.inference.thresholds import WORTH
@@ -46,10 +51,12 @@ def best_sized(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
     """
     if not set(PEG) <= set(at.model.names):
         return at
-    tried = [fitted(resized(at, size), recordings) for size in SIZES]
-    best = max((e for e in tried if e), key=lambda e: e.posterior.evidence, default=at)
+    tried = [fitted_beside(at, resized(at, size), recordings) for size in SIZES]
+    best = max((e for e in tried if e), key=lambda e: e.posterior.evidence, default=None)
+    if best is None:
+        return at
     LOG.info("the peg is %.3g times as large", _radius(best.model) / _radius(at.model))
-    return best
+    return fit(best, recordings, FIT_ITERATIONS)
 
 
 def peg_factors(at: Evaluation, recordings: Sequence[Recording]) -> dict[str, float]:

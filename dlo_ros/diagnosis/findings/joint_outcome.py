@@ -325,7 +325,7 @@ def _advice(verdict: Verdict, found: Explanation) -> str:
             "the clamp or moves a free end; dlo_ros design --report proposes one."
         )
     if verdict == "adequate":
-        return "No error is left to explain: the set-up is within its tolerances."
+        return "No error is left to explain."
     if verdict == "explained":
         return SETTLED
     kept = _kept_guesses(found)

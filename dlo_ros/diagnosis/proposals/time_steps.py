@@ -86,7 +86,8 @@ def _tolerance(recording: Recording, model: ParametricModel, allowed: float) -> 
     """The largest tolerance at which a model's error is allowed, or the smallest that is tried."""
     here = replace(recording, rapid={})
     while here.tolerance is not None and here.tolerance > SHORTEST:
-        finer = replace(here, tolerance=here.tolerance / TIME_FACTOR)
+        shorter = max(here.tolerance / TIME_FACTOR**2, SHORTEST)
+        finer = replace(here, tolerance=shorter)
         if _error(model, here, finer) < allowed:
             break
         here = finer
