@@ -15,7 +15,7 @@ from dlo_ros.rod.elements import rod_forces
 from dlo_ros.rod.elements.constitutive_law import room
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simulation import Simulation
-from dlo_ros.rod.statics import material_at_rest
+from dlo_ros.rod.statics import material_at_rest, settle
 from dlo_ros.rod.stretch_relaxation import led_back
 from dlo_ros.spline import SplineBasis
 
@@ -201,6 +201,33 @@ def test_a_shape_observed_within_a_peg_is_not_thrown_off(entered):
     off = model.basis.evaluate(led, places)[:, [0, 2]] - [under["x"], under["z"]]
     assert np.linalg.norm(off, axis=1).min() == pytest.approx(peg + radius, abs=0.01 * radius)
     assert off[np.argmin(np.abs(off[:, 0])), 1] > peg
+
+
+@pytest.mark.parametrize("radius", [3e-4, 2e-3, 0.02])
+def test_a_dlo_is_led_past_a_far_nail_as_if_there_were_none(radius):
+    """However thin a peg is, an imposed motion may be as long as elsewhere."""
+    nail = {"obstacle": {"x": 5.0, "z": 5.0, "radius": radius}}
+    moved = command(["start"], [0.0, 1.0], [[[0.0, 0.0, 0.0]], [[0.15, 0.0, 0.1]]])
+    shapes = []
+    for effects in ({}, nail):
+        model, boundary, found = settled(PAPER.with_effects(effects), moved, SPANS)
+        shapes.append(settle(model, boundary, found.state, moved, SECOND).state.q)
+    np.testing.assert_allclose(shapes[1], shapes[0], atol=1e-6 * ROD.length)
+
+
+@pytest.mark.parametrize("radius", [1e-3, 0.01])
+def test_a_dlo_that_is_led_against_a_nail_stays_on_its_side(radius):
+    down = [[[0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)]]] * 2  # it hangs from its clamp
+    moved = command(["start"], [0.0, 1.0], [[[0.0, 0.0, 0.0]], [[0.1, 0.0, 0.0]]], down)
+    nail = {"x": 0.03 + radius, "z": -0.5 * ROD.length, "radius": radius}
+    settings = PAPER.with_material(1e7, 2000.0).with_effects({"obstacle": nail})
+    model, boundary, found = settled(settings, moved, SPANS, (0.0, 0.0, -1.0))
+    q = settle(model, boundary, found.state, moved, SECOND).state.q
+    off = model.basis.evaluate(q, np.linspace(0.0, ROD.length, 2001))[:, [0, 2]]
+    off -= [nail["x"], nail["z"]]
+    reach = radius + 0.5 * ROD.diameter
+    assert np.linalg.norm(off, axis=1).min() == pytest.approx(reach, abs=0.05 * reach)
+    assert off[np.argmin(np.abs(off[:, 1])), 0] < 0.0 < off[0, 0]
 
 
 @pytest.mark.parametrize("began", [0, SECOND // 2])

@@ -14,7 +14,12 @@ from dataclasses import replace
 from dlo_ros.diagnosis.contact.contact_search import RADII
 from dlo_ros.diagnosis.contact.peg_places import TouchedPeg
 from dlo_ros.diagnosis.contact.wall_places import normal
-from dlo_ros.diagnosis.explain.candidate_trials import Trial, fitted
+from dlo_ros.diagnosis.explain.candidate_trials import (
+    FIRST_ITERATIONS,
+    FIT_ITERATIONS,
+    Trial,
+    fitted,
+)
 from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.contact_trials import Contact
 from dlo_ros.diagnosis.explain.peg_size import curves
@@ -23,7 +28,7 @@ from dlo_ros.effects import Start
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.inference.joint import Evaluation
-from dlo_ros.inference.joint_fit import nearest_err
+from dlo_ros.inference.joint_fit import fit, nearest_err
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import value_of
 from dlo_ros.inference.thresholds import LOWERS, SLACK
@@ -51,6 +56,8 @@ def with_peg_or_wall(
     round_, flat = (nearest_err(e, recordings) for e in (at, found.at))
     LOG.info("a peg instead of the wall: %.3f mm, %.3f mm with it", 1e3 * round_, 1e3 * flat)
     if round_ < (1.0 - LOWERS) * flat:
+        at = fit(at, recordings, FIT_ITERATIONS)
+        peg = at, proposal
         causes = tuple(proposal if c is wall else c for c in found.causes)
         return replace(found, at=at, causes=causes), Contact(peg, {})
     if (1.0 - LOWERS) * round_ > flat:
@@ -60,7 +67,7 @@ def with_peg_or_wall(
 
 
 def peg_instead(at: Evaluation, wall: Proposal, recordings: Sequence[Recording]) -> Trial | None:
-    """The fit with a peg where the DLO touches a wall that comes nearest to the shapes.
+    """The fit, as far as it has begun, with a peg where the DLO touches a wall that comes nearest.
 
     Args:
         at: a fit with the wall.
@@ -70,7 +77,8 @@ def peg_instead(at: Evaluation, wall: Proposal, recordings: Sequence[Recording])
     found: list[Trial] = []
     for start in pegs_touched(at):
         proposal = proposal_of(bare.settings, start)
-        there = fitted(with_proposals(bare, [proposal])[0], recordings)
+        model = with_proposals(bare, [proposal])[0]
+        there = fitted(model, recordings, FIRST_ITERATIONS, draft=True)
         if there is not None:
             found.append((there, proposal))
     return min(found, key=lambda trial: trial[0].mean_err, default=None)

@@ -32,6 +32,9 @@ from dlo_ros.rod.solve.integrator_state import TIME, assign
 
 MOVE_LIMIT = 0.05  # imposed motion per increment, of L
 TURN_LIMIT = 0.15  # imposed rotation per increment [rad]
+FARTHEST = 0.1  # of L: distance that a control point may move in one iteration
+BETWEEN = 2.0  # widths of a knot span beyond a control point that the DLO may reach
+ROUNDING = 1e-9  # share of the imposed motion that is none
 CONTRAST = 10.0  # of bending stiffnesses within a DLO, to which its start is led at once
 PUSH = 2e-3  # of L: how far an unstable equilibrium is left at once
 ESCAPES = 4
@@ -39,7 +42,7 @@ ESCAPES = 4
 
 @linked()
 def _increments(system, q, target, gap, before, after):
-    """Number of steps of the imposed motion with which the branch is not lost."""
+    """Number of steps of the imposed motion with which the branch is not lost; see `_longest`."""
     move, turn, dof = np.abs(gap).max() if gap.size else 0.0, 0.0, q.shape[1]
     for i in range(q.size):
         if system.fixed[i]:
@@ -56,11 +59,19 @@ def _increments(system, q, target, gap, before, after):
 
 
 @njit(from_python=False)
-def _longest(length, around):
-    """Largest distance that a control point may move in one iteration [m]: not over a peg."""
-    result = 0.1 * length
+def _longest(q, length, around):
+    """Largest distance that a control point may move in one iteration [m]: not over a peg.
+
+    A peg that is farther away than that from all control points, and from the DLO between them, is
+    in nobody's way.
+    """
+    result, last = FARTHEST * length, q.shape[1] // 2  # x, z in the plane; x, y, z in space
+    beside = BETWEEN * length / (q.shape[0] - 3)
     for peg in around.pegs:
-        result = min(result, 0.5 * peg[2])
+        near = np.inf
+        for i in range(q.shape[0]):
+            near = min(near, np.hypot(q[i, 0] - peg[0], q[i, last] - peg[1]))
+        result = min(result, max(0.5 * peg[2], near - peg[2] - beside))
     return result
 
 
@@ -125,22 +136,25 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
     matter = material_at_rest(system, ITSELF, factor, internal)
     if fresh:
         matter = frictionless(matter)
-    longest = _longest(system.length, matter.around)
     flat, change = q.ravel(), np.zeros(q.size)
     raises = _raises(matter.stiffness.bend) if fresh else 0
-    for k in range(1, count + raises + 1):
-        share = min(k / count, 1.0)
+    share, raised = 0.0, 0
+    while share < 1.0 or raised < raises:
+        longest, part = _longest(q, system.length, matter.around), 0.0
+        if share < 1.0:
+            part = min(longest / (FARTHEST * system.length) / count, 1.0 - share)
+            part = part if share + part < 1.0 - ROUNDING else 1.0 - share
+            share += part
+        else:
+            raised += 1
         for i in range(q.size):
             if system.fixed[i]:
                 start = state.q.ravel()[i]
                 change[i] = start + share * (target.ravel()[i] - start) - flat[i]
-        now = matter
-        if k < count + raises and raises > 0:
-            now = _levelled(matter, CONTRAST ** (1 + max(k - count, 0)))
-        lack = gap / count if k <= count else np.zeros(gap.size)
+        now = _levelled(matter, CONTRAST ** (1 + raised)) if raised < raises else matter
         iterations, negative, ref = newton_iteration.equilibrium(
-            q, change, system.fixed, system.pins, lack, rule, now, ref, load, mass, spin, rate2,
-            system.length, longest, tolerance,
+            q, change, system.fixed, system.pins, part * gap, rule, now, ref, load, mass, spin,
+            rate2, system.length, longest, tolerance,
         )  # fmt: skip
         total += abs(iterations)
         if iterations < 0 or not np.all(np.isfinite(q)):
