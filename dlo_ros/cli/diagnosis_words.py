@@ -195,9 +195,13 @@ def is_determined(value: float, std: float | None, q: Quantity | None, length: f
 def is_sized(effect: NamedEffect, length: float) -> bool:
     """Whether the data determine how strong an effect is, and not only that it acts.
 
+    A peg or a wall that is hit has a place, and no strength.
+
     Args:
         length: length of the DLO [m].
     """
+    if not effects()[effect.name].differentiable:
+        return True
     sizes = []
     for key, n in effect.parameters.items():
         q = _quantity(effect.name, key)

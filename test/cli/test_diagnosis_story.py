@@ -340,6 +340,8 @@ def test_a_cause_may_be_certain_and_its_strength_unknown():
     # Of a vector one component is enough, and what has no std says nothing against it.
     moved = NamedEffect("clamp_offset", {"end": Number((0.002, 1e-5), (4e-4, 3e-4), "m")}, ())
     assert is_sized(moved, LENGTH)
+    level = {"offset": Number(-0.8, 0.003, "m"), "angle": Number(-4e-4, 2e-3, "rad")}
+    assert is_sized(NamedEffect("wall", level, ()), LENGTH)
     assert is_sized(NamedEffect("point_mass", {"mass": Number(0.03, None, "kg")}, ()), LENGTH)
 
 
