@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.boundary.conditions import DIRECTOR, TANGENT
 from dlo_ros.rod.elements import rod_forces
@@ -32,8 +31,6 @@ from dlo_ros.rod.solve.integrator_state import TIME, assign
 
 MOVE_LIMIT = 0.05  # imposed motion per increment, of L
 TURN_LIMIT = 0.15  # imposed rotation per increment [rad]
-FARTHEST = 0.1  # of L: distance that a control point may move in one iteration
-BETWEEN = 2.0  # widths of a knot span beyond a control point that the DLO may reach
 ROUNDING = 1e-9  # share of the imposed motion that is none
 CONTRAST = 10.0  # of bending stiffnesses within a DLO, to which its start is led at once
 PUSH = 2e-3  # of L: how far an unstable equilibrium is left at once
@@ -42,7 +39,9 @@ ESCAPES = 4
 
 @linked()
 def _increments(system, q, target, gap, before, after):
-    """Number of steps of the imposed motion with which the branch is not lost; see `_longest`."""
+    """Number of steps of the imposed motion with which the branch is not lost; see
+    `newton_iteration.longest_move`.
+    """
     move, turn, dof = np.abs(gap).max() if gap.size else 0.0, 0.0, q.shape[1]
     for i in range(q.size):
         if system.fixed[i]:
@@ -56,23 +55,6 @@ def _increments(system, q, target, gap, before, after):
         turn = max(turn, np.arccos(min(max(cosine, -1.0), 1.0)))
     steps = max(move / system.length / MOVE_LIMIT, turn / TURN_LIMIT)
     return max(1, int(np.ceil(steps)))
-
-
-@njit(from_python=False)
-def _longest(q, length, around):
-    """Largest distance that a control point may move in one iteration [m]: not over a peg.
-
-    A peg that is farther away than that from all control points, and from the DLO between them, is
-    in nobody's way.
-    """
-    result, last = FARTHEST * length, q.shape[1] // 2  # x, z in the plane; x, y, z in space
-    beside = BETWEEN * length / (q.shape[0] - 3)
-    for peg in around.pegs:
-        near = np.inf
-        for i in range(q.shape[0]):
-            near = min(near, np.hypot(q[i, 0] - peg[0], q[i, last] - peg[1]))
-        result = min(result, max(0.5 * peg[2], near - peg[2] - beside))
-    return result
 
 
 @linked()
@@ -140,9 +122,10 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
     raises = _raises(matter.stiffness.bend) if fresh else 0
     share, raised = 0.0, 0
     while share < 1.0 or raised < raises:
-        longest, part = _longest(q, system.length, matter.around), 0.0
+        part = 0.0
         if share < 1.0:
-            part = min(longest / (FARTHEST * system.length) / count, 1.0 - share)
+            longest = newton_iteration.longest_move(q, system.length, matter.around)
+            part = longest / (newton_iteration.FARTHEST * system.length) / count
             part = part if share + part < 1.0 - ROUNDING else 1.0 - share
             share += part
         else:
@@ -154,7 +137,7 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
         now = _levelled(matter, CONTRAST ** (1 + raised)) if raised < raises else matter
         iterations, negative, ref = newton_iteration.equilibrium(
             q, change, system.fixed, system.pins, part * gap, rule, now, ref, load, mass, spin,
-            rate2, system.length, longest, tolerance,
+            rate2, system.length, tolerance,
         )  # fmt: skip
         total += abs(iterations)
         if iterations < 0 or not np.all(np.isfinite(q)):
@@ -164,7 +147,7 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
                 break
             buckled = True
             iterations, negative, ref = _escape(
-                q, system, now, ref, load, mass, spin, rate2, longest, tolerance
+                q, system, now, ref, load, mass, spin, rate2, tolerance
             )
             total += abs(iterations)
         if not fresh:
@@ -192,7 +175,7 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
 
 
 @linked()
-def _escape(q, system, matter, ref, load, mass, spin, rate2, longest, tolerance):
+def _escape(q, system, matter, ref, load, mass, spin, rate2, tolerance):
     """Leave an unstable equilibrium, as a DLO that buckles does, and settle beside it.
 
     It goes along its softest motion, to the side where the energy is lower. Where nothing decides
@@ -218,7 +201,7 @@ def _escape(q, system, matter, ref, load, mass, spin, rate2, longest, tolerance)
     trial = q + sign * reach * mode
     iterations, negative, frame = newton_iteration.equilibrium(
         trial, np.zeros(q.size), system.fixed, system.pins, np.zeros(system.pins.shape[0]),
-        system.rule, matter, ref, load, mass, spin, rate2, system.length, longest, tolerance,
+        system.rule, matter, ref, load, mass, spin, rate2, system.length, tolerance,
     )  # fmt: skip
     if iterations < 0 or not np.all(np.isfinite(trial)):
         return abs(iterations), 1, ref

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements.constitutive_law import room
 from dlo_ros.rod.elements.rod_forces import (
@@ -30,6 +31,8 @@ from dlo_ros.rod.solve.integrator_state import assign
 
 MAX_STATIC_ITERATIONS = 300
 MAX_NEWTON = 50
+FARTHEST = 0.1  # of L: distance that a control point may move in one iteration
+BETWEEN = 2.0  # widths of a knot span beyond a control point that the DLO may reach
 PATIENCE = 15  # iterations after which corrections must shrink
 # Directions softer than this, in squared frequencies over `rate2`, count as neutral: a bow that may
 # turn about its ends' axis is not unstable by rounding.
@@ -50,9 +53,26 @@ def _largest(x, dof):
     return move, turn
 
 
+@njit(from_python=False)
+def longest_move(q, length, around):
+    """Largest distance that a control point may move in one iteration [m]: not over a peg.
+
+    A peg that is farther away than that from all control points, and from the DLO between them, is
+    in nobody's way.
+    """
+    result, last = FARTHEST * length, q.shape[1] // 2  # x, z in the plane; x, y, z in space
+    beside = BETWEEN * length / (q.shape[0] - 3)
+    for peg in around.pegs:
+        near = np.inf
+        for i in range(q.shape[0]):
+            near = min(near, np.hypot(q[i, 0] - peg[0], q[i, last] - peg[1]))
+        result = min(result, max(0.5 * peg[2], near - peg[2] - beside))
+    return result
+
+
 @linked()
 def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, spin, rate2,
-                length, longest, tolerance):  # fmt: skip
+                length, tolerance):  # fmt: skip
     """Static equilibrium: Newton's method with a mass shift, descending in total energy.
 
     Args:
@@ -65,7 +85,6 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
         mass, spin: basis matrices of the shift, shape (n, 4).
         rate2: scale of the shift [1/s^2].
         length: L [m].
-        longest: largest distance that a control point may move in one iteration [m].
         tolerance: convergence when a full Newton step is smaller than tolerance * L.
 
     Returns:
@@ -86,7 +105,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
         # The exact Hessian: with predicted tensions long steps would lose the branch.
         energy = assemble(q, rule, ref, matter, response, exact, gradient, band, grad_s, grad_o)
         energy -= np.dot(load, q.ravel())
-        lack = gap if first else closed
+        lack, longest = gap if first else closed, longest_move(q, length, matter.around)
         accepted = False
         negative = 0
         move, turn = 0.0, 0.0
