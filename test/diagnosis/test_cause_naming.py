@@ -10,7 +10,7 @@ from experiment_recordings import fitted_set_up
 from rods import PAPER
 
 from dlo_ros.diagnosis.explain import cause_naming, cause_search
-from dlo_ros.diagnosis.explain.certainty import SCALES, certain, strains
+from dlo_ros.diagnosis.explain.certainty import SCALES, certain, strained
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed, proposal_of
 from dlo_ros.effects import Start
@@ -34,7 +34,7 @@ def only_err_decides(monkeypatch):
     monkeypatch.setattr(cause_naming, "certain", lambda *_: True)
     monkeypatch.setattr(cause_naming, "beyond", lambda *_: [])
     monkeypatch.setattr(cause_naming, "_rivals", lambda *_: {})
-    monkeypatch.setattr(cause_naming, "strains", lambda *_: False)
+    monkeypatch.setattr(cause_naming, "strained", lambda *_: [])
     monkeypatch.setattr(cause_naming, "has_certainly_other_stiffness", lambda *_: False)
 
 
@@ -70,6 +70,8 @@ def test_what_is_not_known_of_the_weight_makes_no_force_doubtful():
         (40.0, 40.0, 1.3e-3, False, False),  # no more than another's law asks for
         (40.0, 40.0, 1.3e-3, True, True),  # the set-up does its work beyond its tolerance
         (40.0, 40.0, 1.05e-3, True, True),  # all of it
+        (40.0, 40.0, 0.9e-3, True, True),  # as near as the cause
+        (40.0, 40.0, 0.9e-3, False, False),
     ],
 )
 def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, strained, named):
@@ -77,18 +79,28 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     others = [replace(start, effect=f"effect {k}") for k in range(15)]
     only_err_decides(monkeypatch)
     monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, wholly: linear)
-    monkeypatch.setattr(cause_naming, "strains", lambda *_: strained)
+    tilt = proposal_of(PAPER, Start("gravity_tilt", {"angle": 0.0}, ("angle",), ("angle",)))
+    monkeypatch.setattr(cause_naming, "strained", lambda *_: [tilt] * strained)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
     softer = replace(PAPER.rod, young_modulus=0.5 * PAPER.rod.young_modulus)
     bare = evaluation(-loss, without)
-    bare.model = SimpleNamespace(settings=replace(PAPER, rod=softer))
-    monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
+    tilted = replace(PAPER, rod=softer).with_effects({"gravity_tilt": {"angle": 0.3}})
+    bare.model = SimpleNamespace(settings=tilted)
+    neither = evaluation(-90.0, 5e-3)
+
+    def without_some(_, group, *__, wholly):
+        return bare if len(group.parameters) == 1 else neither
+
+    monkeypatch.setattr(cause_naming, "without", without_some)
     at = evaluation(0.0, 0.9e-3)
     at.model = SimpleNamespace(settings=PAPER)
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)
     setup = evaluation(-50.0, 2e-3)
     causes, shifts = cause_naming.named(found, setup, {}, (), [start, *others], 0.85e-3, 0.5e-3)
     assert [c.effect for c in causes] == (["point_mass"] if named else [])
+    if named and without <= at.mean_err:  # one of the two acts: without both shapes are far off
+        assert causes[0].rivals == {"gravity_tilt": {"angle": 0.3}}
+        assert causes[0].err == neither.mean_err
     told = Explanation(at, at, causes, 0.0, 0.0, 0.0, (), (), shifts)
     # A cause that is not named may act or not: E / mu may be that with it or without.
     assert told.stiffness_doubt == pytest.approx(0.0 if named else np.log(2.0))
@@ -302,9 +314,9 @@ def test_a_set_up_is_strained_where_it_leaves_its_tolerance_without_a_cause():
         theta[tilt] = tolerances * at.model.parameters[tilt].std
         return borrowed(at, at.model.at(theta), recordings)
 
-    assert strains(tilted(4.0), tilted(0.5))
-    assert not strains(tilted(1.5), tilted(0.0))  # within tolerance
-    assert not strains(tilted(4.0), tilted(3.0))  # so it is with the cause
+    assert [g.effect for g in strained(tilted(4.0), tilted(0.5))] == ["gravity_tilt"]
+    assert not strained(tilted(1.5), tilted(0.0))  # within tolerance
+    assert not strained(tilted(4.0), tilted(3.0))  # so it is with the cause
 
 
 @pytest.mark.parametrize(
@@ -373,26 +385,3 @@ def test_in_a_wrong_model_the_set_up_stays_within_tolerance(monkeypatch, near, k
     assert [c.effect for c in found.causes] == kept
     assert found.at is (at if kept else within)
     assert not bares  # of numbers of the set-up, naming needs fits with all of them at neutral
-
-
-def test_a_damping_that_has_its_guess_again_is_left_out_once(monkeypatch):
-    """It may be a cause as well; without its number there is nothing left to try."""
-    cause = SimpleNamespace(effect="internal_damping", label="internal_damping", start=None)
-    guess = SimpleNamespace(effect="internal_damping", label="internal_damping", start=None)
-    at, bare = evaluation(100.0, 1e-3), evaluation(60.0, 1.05e-3)
-    at.model = SimpleNamespace(settings=PAPER)
-    bare.model = SimpleNamespace(settings=PAPER.with_material(2e6, PAPER.rod.density))
-    tried = []
-
-    def without(_, group, __, wholly):
-        tried.append((group, wholly))
-        return bare
-
-    monkeypatch.setattr(cause_naming, "without", without)
-    monkeypatch.setattr(joint_fit, "approached", lambda at, *_: at)
-    monkeypatch.setattr(cause_naming, "_guessed_dampings", lambda _: [guess])
-    cause.other = "equal to nothing else"  # a cause is freed from a tolerance, a guess again
-    search = cause_search.Search(at, (cause,), (), None)
-    found, _, shifts = cause_naming.without_needless(search, (), [], complete=False)
-    assert tried == [(guess, True)] and not found.causes
-    assert shifts["internal_damping"] == pytest.approx(np.log(2e6 / PAPER.rod.young_modulus))

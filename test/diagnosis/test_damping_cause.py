@@ -2,17 +2,20 @@
 """Damping that the parameter file only guesses is a cause where it is far off."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from experiment_recordings import moving
 from rods import PAPER
 
+from dlo_ros.diagnosis.explain import cause_naming, cause_search
 from dlo_ros.diagnosis.explain.joint_explanation import explain
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.findings.joint_numbers import damping_as_effects, effect_numbers
 from dlo_ros.diagnosis.proposals.linear_evidence import freed
 from dlo_ros.identification.offline.initial_fit import begin
+from dlo_ros.inference import joint_fit
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import material_priors
 
@@ -53,3 +56,31 @@ def test_damping_far_off_the_file_is_a_cause():
     assert number.unit == "s" and isinstance(number.std, float)
     assert abs(number.value - 0.25) < max(0.1 * 0.25, 2.0 * number.std)
     assert np.isfinite(found.at.mean_err) and found.at.mean_err < 2.0 * found.own_err
+
+
+def test_a_damping_that_has_its_guess_again_is_left_out_once(monkeypatch):
+    """It may be a cause as well; without its number there is nothing left to try."""
+    cause = SimpleNamespace(effect="internal_damping", label="internal_damping", start=None)
+    guess = SimpleNamespace(effect="internal_damping", label="internal_damping", start=None)
+    softer = PAPER.with_material(2e6, PAPER.rod.density)
+    at, bare = (
+        SimpleNamespace(
+            posterior=SimpleNamespace(evidence=evidence), mean_err=err, err=[np.full(9, err)],
+            model=SimpleNamespace(settings=settings),
+        )
+        for evidence, err, settings in ((100.0, 1e-3, PAPER), (60.0, 1.05e-3, softer))
+    )  # fmt: skip
+    tried = []
+
+    def without(_, group, __, wholly):
+        tried.append((group, wholly))
+        return bare
+
+    monkeypatch.setattr(cause_naming, "without", without)
+    monkeypatch.setattr(joint_fit, "approached", lambda at, *_: at)
+    monkeypatch.setattr(cause_naming, "_guessed_dampings", lambda _: [guess])
+    cause.other = "equal to nothing else"  # a cause is freed from a tolerance, a guess again
+    search = cause_search.Search(at, (cause,), (), None)
+    found, _, shifts = cause_naming.without_needless(search, (), [], complete=False)
+    assert tried == [(guess, True)] and not found.causes
+    assert shifts["internal_damping"] == pytest.approx(np.log(2e6 / PAPER.rod.young_modulus))

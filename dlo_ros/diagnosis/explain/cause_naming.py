@@ -22,7 +22,7 @@ from dlo_ros.diagnosis.explain.certainty import (
     certain,
     has_certainly_other_stiffness,
     is_beyond,
-    strains,
+    strained,
 )
 from dlo_ros.diagnosis.explain.contact_trials import Rivals
 from dlo_ros.diagnosis.explain.offered_effects import Offer, offered, ranked_proposals
@@ -32,7 +32,7 @@ from dlo_ros.effects.start import Block
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import approached, fit
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.parameter import split_name
+from dlo_ros.inference.parameter import Parameter, split_name
 from dlo_ros.inference.plain_rod import taken_for_plain
 from dlo_ros.inference.thresholds import (
     CLEARLY_LESS,
@@ -162,7 +162,8 @@ def named(
 
     Of effects that do each other's work, each may be left out, and yet one of them acts where the
     set-up alone explains less: the one without which most is lost is named, with the others as its
-    rivals.
+    rivals. Where it is the set-up that does a cause's work, and must leave its tolerance for it, as
+    a tilt does that of an even force, those numbers of it are the rivals.
 
     Args:
         own: ERR of the measurement alone [m].
@@ -193,6 +194,12 @@ def named(
         if judge.matters(group, bare):
             offer = offered(at, recordings, begun, offer)
             result.append(_cause(group, _rivals(at, bare, group, recordings, offer), at, bare))
+        elif twins := strained(bare, at):
+            values = bare.model.settings.effects
+            twice = replace(group, parameters=(*group.parameters, *_parameters(twins)))
+            neither = without(at, twice, recordings, wholly=True) or bare
+            rivals = {t.effect: values[t.effect] for t in twins if t.effect in values}
+            result.append(_cause(group, rivals, at, neither))
         elif group.start is not None:
             shared.append((_loss_without(at, bare), group))
     # One of several effects that do each other's work acts for certain where the set-up does not.
@@ -242,7 +249,11 @@ class _Judge:
             return True
         explained = without_it < OWN * min(self.own, here)
         little = explained or without_it - here < self.least
-        return not little or strains(bare, self.at)
+        return not little or bool(strained(bare, self.at))
+
+
+def _parameters(groups: Sequence[Proposal]) -> list[Parameter]:
+    return [p for group in groups for p in group.parameters]
 
 
 def _cause(group: Proposal, rivals: Rivals, at: Evaluation, bare: Evaluation) -> Cause:

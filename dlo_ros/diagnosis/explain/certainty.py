@@ -62,17 +62,17 @@ def far_off(at: Evaluation) -> list[Proposal]:
     return [g for g in freed(at.model) if is_beyond(at, g)]
 
 
-def strains(bare: Evaluation, at: Evaluation) -> bool:
-    """Whether the set-up lies beyond its tolerance without a cause, and not with it.
+def strained(bare: Evaluation, at: Evaluation) -> list[Proposal]:
+    """Groups of the set-up that lie beyond their tolerance without a cause, and not with it.
 
     Args:
         bare: the fit without the cause.
         at: the fit with it.
     """
-    return any(
-        is_beyond(bare, g) and tolerances_off(bare, g) > tolerances_off(at, g) + BEYOND
-        for g in freed(bare.model)
-    )
+    return [
+        g for g in freed(bare.model)
+        if is_beyond(bare, g) and tolerances_off(bare, g) > tolerances_off(at, g) + BEYOND
+    ]  # fmt: skip
 
 
 def has_other_stiffness(model: ParametricModel, at: Evaluation, stds: float) -> bool:
