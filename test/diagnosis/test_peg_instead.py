@@ -54,19 +54,22 @@ def test_a_peg_that_comes_nearer_is_taken_and_one_as_near_is_a_rival(
 ):
     at = hit()
     found = Search(at, (WALL,), (), None)
-    tried = []
+    tried, ended = [], []
 
-    def fitted(model, _):
+    def fitted(model, *_, draft):
+        assert draft
         assert set(model.settings.effects) == {"obstacle"}
         tried.append(model)
         return None if err is None else SimpleNamespace(model=model, mean_err=err)
 
     monkeypatch.setattr(module, "fitted", fitted)
     monkeypatch.setattr(module, "nearest_err", lambda e, _: e.mean_err)
+    monkeypatch.setattr(module, "fit", lambda e, *_: ended.append(e) or e)
     after, contact = with_peg_or_wall(found, None, ())
     assert len(tried) > 1
     assert [c.effect for c in after.causes] == [named]
     assert (after.at is at) == (named == "wall")
+    assert len(ended) == (named == "obstacle")  # only what is taken is fitted to its end
     assert list(contact.rivals if contact else {}) == rivals
 
 
