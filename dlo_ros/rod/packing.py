@@ -46,7 +46,7 @@ def parts_of(model: RodModel, boundary: Boundary, *, flat: bool) -> System:
 
 @lru_cache(maxsize=KEPT)
 def _held(boundary: Boundary, flat: bool) -> tuple[np.ndarray, FloatArray, FloatArray]:
-    """What holds a rod: which numbers are imposed, and rows of the pins, see `Boundary`."""
+    """The numbers of a rod that are imposed, and the rows of its pins, see `Boundary`."""
     fixed, pins, rows = boundary.fixed, boundary.pins, boundary.pin_rows
     if not flat:
         return fixed, pins, rows

@@ -149,7 +149,7 @@ def _chosen(
     checked: Sequence[Beginning], at: Evaluation, least: float
 ) -> tuple[list[Beginning], list[tuple[Beginning, str]]]:
     """Proposals that are fitted, and why the others are not; see `best_trial`."""
-    # Of those that come equally near, as what another one can do does, the likeliest first.
+    # Proposals that can do each other's work come equally near: the likeliest of them first.
     alike = (1.0 + SMALL_SHARE) * min((c.err for c in checked), default=0.0)
     nearest = sorted(checked, key=lambda c: (max(c.err, alike), -c.gain))
     near = any(c.err <= least for c in checked)
