@@ -124,7 +124,7 @@ def compiled(
 
     Args:
         command: command as it was given, effects not applied.
-        names: names of the parameters whose sensitivities are wanted, see above.
+        names: names of the parameters whose sensitivities are wanted, see `sensitivity_parameters`.
         flat: whether the rod runs in its planar form.
 
     Raises:

@@ -32,7 +32,7 @@ from dlo_ros.effects.start import Block
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import approached, fit
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.parameter import Parameter, split_name
+from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.plain_rod import taken_for_plain
 from dlo_ros.inference.thresholds import (
     CLEARLY_LESS,
@@ -196,8 +196,8 @@ def named(
             result.append(_cause(group, _rivals(at, bare, group, recordings, offer), at, bare))
         elif twins := strained(bare, at):
             values = bare.model.settings.effects
-            twice = replace(group, parameters=(*group.parameters, *_parameters(twins)))
-            neither = without(at, twice, recordings, wholly=True) or bare
+            both = tuple(p for g in (group, *twins) for p in g.parameters)
+            neither = without(at, replace(group, parameters=both), recordings, wholly=True) or bare
             rivals = {t.effect: values[t.effect] for t in twins if t.effect in values}
             result.append(_cause(group, rivals, at, neither))
         elif group.start is not None:
@@ -250,10 +250,6 @@ class _Judge:
         explained = without_it < OWN * min(self.own, here)
         little = explained or without_it - here < self.least
         return not little or bool(strained(bare, self.at))
-
-
-def _parameters(groups: Sequence[Proposal]) -> list[Parameter]:
-    return [p for group in groups for p in group.parameters]
 
 
 def _cause(group: Proposal, rivals: Rivals, at: Evaluation, bare: Evaluation) -> Cause:
