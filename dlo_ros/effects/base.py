@@ -64,8 +64,8 @@ class Body:
             DLO.
         bend: bending stiffness about both principal axes of the section [N m^2], shape (nb, 2).
         section_angle: angle from the first material director to the first principal axis [rad].
-        bend_rest: curvature at rest about them [1/m], shape (nb, 2); in the board's plane the
-            first director is +y.
+        bend_rest: curvature at rest about the material directors [1/m], shape (nb, 2); the first is
+            the clamp's y axis.
         twist_rest: twist at rest [rad/m], shape (nb,).
         twisting_ratio: twisting stiffness over that of a round section.
         line_density: mass per length [kg/m].

@@ -16,15 +16,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dlo_ros.command import END, START, Command
 from dlo_ros.effects.base import Body
-from dlo_ros.export.grips import Grip, Pose, frame, kind_of, pose_at
+from dlo_ros.export.grips import Grip, Pose, kind_of, pose_at
 from dlo_ros.parameters import Settings
+from dlo_ros.rod.boundary.twist_free_frame import EndFrame, material_frame, twist_free
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import true_command
 from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
@@ -167,7 +167,7 @@ def build_chain(
     rest = np.column_stack(
         [whole(body.twist_rest), whole(body.bend_rest[:, 0]), whole(body.bend_rest[:, 1])]
     )
-    frames = _frames(basis, shape, joints)
+    frames = _frames(basis, shape, joints, material_frame(true_command(model, command), stamp))
     origin = basis.evaluate(shape[:, :3], [0.0])[0] - 0.5 * h * frames[0].apply([1.0, 0.0, 0.0])
     curved = Rotation.from_rotvec(rest)
     turns = curved.inv() * frames[:-1].inv() * frames[1:]
@@ -211,21 +211,20 @@ def _integrals(parts: FloatArray, body: Body, edges: FloatArray) -> FloatArray:
     return np.asarray(np.diff(np.interp(edges, ends, total)))
 
 
-def _frames(basis: SplineBasis, shape: FloatArray, joints: int) -> Rotation:
-    """Orientations of the links: x along the tangent, carried without twist, turned by theta."""
+def _frames(basis: SplineBasis, shape: FloatArray, joints: int, held: EndFrame | None) -> Rotation:
+    """Orientations of the links: x along the tangent, carried without twist, turned by theta.
+
+    Args:
+        held: frame of the clamp that holds the material's.
+    """
     u = np.linspace(0.0, basis.length, joints + 1)
-    along = basis.evaluate(shape[:, :3], u, 1)
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    reference, _ = twist_free(shape, basis, u, held)
+    x, y = reference.tangent, reference.director
+    bare = Rotation.from_matrix(np.stack([x, y, np.cross(x, y)], axis=-1))
     theta = basis.evaluate(shape[:, 3:], u)[:, 0]
-    found = [frame(along[0])]
-    for before, after in pairwise(along):
-        axis = np.cross(before, after)
-        size = np.linalg.norm(axis)
-        angle = np.arctan2(size, before @ after)
-        turn = Rotation.from_rotvec(angle * axis / size if size > 1e-14 else np.zeros(3))
-        found.append(turn * found[-1])
-    twisted = [f * Rotation.from_rotvec([t, 0.0, 0.0]) for f, t in zip(found, theta, strict=True)]
-    return Rotation.concatenate(twisted)
+    if held is not None:
+        theta = theta - theta[held.end]  # there the clamp has turned with the material
+    return bare * Rotation.from_rotvec(theta[:, None] * [1.0, 0.0, 0.0])
 
 
 def part_lines(

@@ -11,6 +11,7 @@ from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
 from dlo_ros.rod.boundary.command_timeline import CommandTimeline
 from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.boundary.twist_free_frame import material_frame
 from dlo_ros.rod.compiled_rod import compiled
 from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.model import RodModel
@@ -93,9 +94,11 @@ def initial_state(
         return InitialState(observed_start(model, boundary, begin, measurement, parameters))
     published = SplineBasis(settings.rod.control_points, settings.rod.length)
     lift = model.basis.projection(published)
-    at_rest = rest_state(begin.stamp, lift @ begin.shape, model)
+    true = true_command(model, command)
+    held = material_frame(true, begin.stamp)
+    at_rest = rest_state(begin.stamp, lift @ begin.shape, model, held)
     yield
-    flat = in_plane(model, at_rest, true_command(model, command), parameters)
+    flat = in_plane(model, at_rest, true, parameters)
     compiled(model, boundary, command, parameters, flat=flat)  # is kept
     yield
     found = settle(

@@ -16,18 +16,22 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
+from dlo_ros.rod.boundary.conditions import THETA
 from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.boundary.twist_free_frame import EndFrame, material_frame
 from dlo_ros.rod.compiled_rod import both_sides
 from dlo_ros.rod.dynamics import with_consistent_acceleration
 from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import nothing_varies
+from dlo_ros.rod.packing import nothing_varies, true_command
 from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
 from dlo_ros.rod.sensitivity_parameters import variation_of
 from dlo_ros.rod.state import State, rest_state
 from dlo_ros.rod.statics import hold, reachable
 from dlo_ros.rod.stretch_relaxation import Relaxation
 from dlo_ros.spline import FloatArray, SplineBasis
+
+ROUNDING = 1e-14  # of an angle [rad]
 
 
 @dataclass(frozen=True)
@@ -102,22 +106,31 @@ class _Begun:
         rod = model.settings.rod
         lift = model.basis.projection(SplineBasis(rod.control_points, rod.length))
         self.seen = [lift @ measurement.true(o.control_points) for o in first.observations]
-        self._resting: dict[bytes, State] = {} if near is None else near._resting
+        true = true_command(model, first.command)
+        self._frame: EndFrame | None = (
+            material_frame(true, first.stamp) if near is None else near._frame
+        )
+        self._resting: dict[tuple[bytes, float], State] = {} if near is None else near._resting
         at_rest = self._at_rest(self.seen[-1])
         self.held = hold(model, boundary, at_rest, first.command, first.stamp)
 
-    def _at_rest(self, shape: FloatArray) -> State:
-        """The rod at rest in a shape (n, 4), which many variants of it share."""
-        key = shape.tobytes()
+    def _at_rest(self, shape: FloatArray, angle: float = 0.0) -> State:
+        """The rod at rest in a shape (n, 4), which many variants of it share.
+
+        Args:
+            angle: see `rest_state`.
+        """
+        key = shape.tobytes(), angle
         if key not in self._resting:
-            self._resting[key] = rest_state(self._first.stamp, shape, self.model)
+            stamp = self._first.stamp
+            self._resting[key] = rest_state(stamp, shape, self.model, self._frame, angle)
         return self._resting[key]
 
     def begins_as(self, other: _Begun) -> bool:
         """Whether the first shapes, and all that decides how they are held, are the same."""
         return (
             all(np.array_equal(a, b) for a, b in zip(self.seen, other.seen, strict=True))
-            and np.array_equal(self.held.target, other.held.target)
+            and np.array_equal(self.held.target[:, :3], other.held.target[:, :3])
             and np.array_equal(self.held.pins, other.held.pins)
             and np.array_equal(
                 self.model.stiffness.stretch_rest, other.model.stiffness.stretch_rest
@@ -127,7 +140,9 @@ class _Begun:
     def state(self, shape: FloatArray, command: Command) -> State:
         """The state in a shape (n, 4), with the velocity that was observed."""
         model, observations = self.model, self._first.observations
-        state = self._at_rest(shape)
+        turned = 0.0 if self._frame is None else float(self.held.frames[self._frame.end, THETA])
+        angle = turned if abs(turned) > ROUNDING else 0.0
+        state = replace(self._at_rest(shape, angle), frames=self.held.frames)
         if model.settings.simulation.start == "moving":
             elapsed = (observations[-1].stamp - observations[0].stamp) / NANOSECONDS
             if elapsed <= 0.0:

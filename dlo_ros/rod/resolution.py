@@ -17,7 +17,9 @@ import numpy as np
 from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
 from dlo_ros.rod.boundary.imposed_motion import Boundary, boundary_of
+from dlo_ros.rod.boundary.twist_free_frame import material_frame
 from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.packing import true_command
 from dlo_ros.rod.state import State, refined, rest_state
 from dlo_ros.rod.statics import settle
 from dlo_ros.rod_settings import RodSettings
@@ -129,7 +131,8 @@ class _Path:
         """Equilibria, each from the one before or from a coarser path `near` at its instant."""
         model, boundary = build(settings, command, spans)
         published = SplineBasis(settings.rod.control_points, settings.rod.length)
-        state = rest_state(stamps[0], model.basis.projection(published) @ shape, model)
+        held = material_frame(true_command(model, command), stamps[0])
+        state = rest_state(stamps[0], model.basis.projection(published) @ shape, model, held)
         # What bending and friction remember has no counterpart in another basis.
         lift = near is not None and not any(model.remembers)
         yield

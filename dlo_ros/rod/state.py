@@ -8,14 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.errors import InputError, SimulationError
-from dlo_ros.rod.boundary.conditions import BODY, DIRECTOR, THETA
-from dlo_ros.rod.boundary.twist_free_frame import twist_free
+from dlo_ros.rod.boundary.conditions import BODY, DIRECTOR, HELD, TANGENT, THETA
+from dlo_ros.rod.boundary.twist_free_frame import EndFrame, twist_free
 from dlo_ros.rod.elements.contact_and_friction import rest_anchor
 from dlo_ros.rod.elements.rod_tables import DOF, InternalVariables, Reference
 from dlo_ros.rod.elements.strains import strains
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
 from dlo_ros.spline import FloatArray
+
+FIRST_DIRECTOR = (0.0, 1.0, 0.0)  # in the coordinates of the clamp that gives the DLO its frame
 
 
 @dataclass(frozen=True)
@@ -64,11 +66,20 @@ def strains_of(q: FloatArray, model: RodModel, reference: Reference) -> Strains:
     return Strains(stretch, other)
 
 
-def rest_state(stamp: int, q: FloatArray, model: RodModel) -> State:
-    """A rod at rest, free of twist, in the shape q (n, 4)."""
+def rest_state(
+    stamp: int, q: FloatArray, model: RodModel, held: EndFrame | None = None, angle: float = 0.0
+) -> State:
+    """A rod at rest, free of twist, in the shape q (n, 4).
+
+    Args:
+        held: frame of the clamp that gives the DLO its own, see `twist_free_frame.material_frame`.
+        angle: by which it is turned about itself against that, everywhere alike [rad].
+    """
     q = np.array(q, dtype=np.float64)
-    q[:, 3] = 0.0
-    reference, frames = twist_free(q, model.basis, model.points)
+    q[:, 3] = angle
+    reference, frames = twist_free(q, model.basis, model.points, held)
+    if held is not None:
+        frames[held.end, BODY:HELD], frames[held.end, HELD] = FIRST_DIRECTOR, 1.0
     now = strains_of(q, model, reference)
     zero = np.zeros((model.basis.control_points, DOF))
     internal = internal_at_rest(q, now, model)
@@ -131,7 +142,8 @@ def refined(state: State, model: RodModel, finer: RodModel) -> State:
     change = finer.basis.projection(model.basis)
     q = change @ state.q
     q[:, 3] = change @ twist_angle(state, model)
-    start = state.frames[0, DIRECTOR:BODY]
+    first = state.frames[0]
+    start = EndFrame(0, first[TANGENT:DIRECTOR], first[DIRECTOR:BODY])
     try:
         reference, frames = twist_free(q, finer.basis, finer.points, start)
     except InputError as err:  # nobody has put it in

@@ -11,6 +11,8 @@ elastic foundation).
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,12 +39,14 @@ class Relaxation:
 
     Args:
         model, boundary: the rod, and where it is held.
-        held: degrees of freedom that the command holds.
+        held: degrees of freedom that the command holds; it is free of twist.
         shape: observed shape in the simulation's basis, shape (n, 4).
     """
 
     def __init__(self, model: RodModel, boundary: Boundary, held: Held, shape: FloatArray) -> None:
-        self._model, self._boundary, self._held = model, boundary, held
+        untwisted = held.target * [1.0, 1.0, 1.0, 0.0]
+        self._model, self._boundary = model, boundary
+        self._held = replace(held, target=untwisted)
         self._given = rest_state(0, led_back(model, boundary, shape), model)
         curvature = np.ascontiguousarray(self._given.strains.other[:, :2])
         twist = 0.0 * model.stiffness.twist + 1.0

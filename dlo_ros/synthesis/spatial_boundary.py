@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_ros.spline import FloatArray
-from dlo_ros.synthesis.spatial_energy import (
-    DOF,
-)
+from dlo_ros.synthesis.spatial_energy import DOF
 
 
 @dataclass(frozen=True)
@@ -22,8 +20,9 @@ class SpatialBoundary:
     Args:
         positions: [m], shape (3,), of imposed nodes by their index.
         directions: unit vector of growing u at start and end; None leaves it free.
-        turns: rotation matrix of the clamp at start and end, of which only the change counts; None:
-            the directors follow the direction without spin.
+        turns: rotation matrix of the clamp at start and end, whose y axis is the first director of
+            a rod that is laid there; the start's, where both are clamped, and of the end's only the
+            change counts. None: the directors follow the direction without spin.
     """
 
     positions: Mapping[int, FloatArray]

@@ -34,8 +34,7 @@ STEEP = 0.9
 class SpatialRod(DiscreteRod):
     """Properties of the rod in space; `gravity` has shape (3,), `force` (N + 1, 3).
 
-    `rest_curvature` and `kink` are about the first director, which is +y where the rod begins in
-    the board's plane.
+    `rest_curvature` and `kink` are about the first director, the y axis of the clamp at the start.
 
     Args:
         twist_stiffness: C of the vertices [N m^2], shape (N + 1,).
@@ -140,7 +139,7 @@ def carried(director: FloatArray, before: FloatArray, after: FloatArray) -> Floa
 
 
 def first_director(tangent: FloatArray) -> FloatArray:
-    """The material director that a rod begins with: y, or z, made normal to a tangent (3,)."""
+    """The material director of a rod without a clamp: y, or z, made normal to a tangent (3,)."""
     axis = np.eye(3)[1] if abs(tangent[1]) < STEEP else np.eye(3)[2]
     return np.asarray(cleaned(axis[None], tangent[None])[0])
 
@@ -152,6 +151,29 @@ def twist_free(tangents: FloatArray, director: FloatArray) -> FloatArray:
     for i in range(len(tangents) - 1):
         result[i + 1] = carried(result[i], tangents[i], tangents[i + 1])
     return result
+
+
+def laid(
+    tangents: FloatArray,
+    start: FloatArray | None,
+    clamps: tuple[FloatArray | None, FloatArray | None],
+) -> FloatArray:
+    """Directors of a rod that lies without twist in its clamps.
+
+    Args:
+        tangents: unit tangents of the edges, shape (N, 3).
+        start: imposed direction at the start, shape (3,); None: it is free.
+        clamps: rotation matrices of the clamps at start and end, see `SpatialBoundary.turns`.
+
+    Returns:
+        Shape (N, 3).
+    """
+    first, last = clamps
+    if first is None and last is not None:
+        return twist_free(tangents[::-1], carried(last[:, 1], last[:, 0], tangents[-1]))[::-1]
+    start = tangents[0] if start is None else start
+    own = first_director(start) if first is None else first[:, 1]
+    return twist_free(tangents, carried(own, start, tangents[0]))
 
 
 def spun(director: FloatArray, tangent: FloatArray, angle: FloatArray) -> FloatArray:

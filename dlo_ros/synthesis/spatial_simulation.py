@@ -43,8 +43,7 @@ from dlo_ros.synthesis.spatial_rod import (
     carried,
     cleaned,
     edges_of,
-    first_director,
-    twist_free,
+    laid,
 )
 
 MOST_STEPS = 4000  # on the way to an equilibrium
@@ -96,9 +95,7 @@ class SpatialSimulation:
     def _lay(self, boundary: SpatialBoundary) -> None:
         """Directors without twist along the nodes, and clamps that hold them."""
         tangent, _ = edges_of(self.x)
-        start = tangent[0] if boundary.directions[0] is None else boundary.directions[0]
-        first = carried(first_director(start), start, tangent[0])
-        self.director = twist_free(tangent, first)
+        self.director = laid(tangent, boundary.directions[0], boundary.turns)
         self._turns = boundary.turns
         tangents, directors = np.full((2, 3), np.nan), np.full((2, 3), np.nan)
         for end, k in enumerate((0, -1)):

@@ -83,6 +83,16 @@ def test_the_grip_holds_what_the_set_up_makes_of_it(angle):
     assert np.allclose(chain.poses[0].rotation.as_rotvec(), [0.0, angle + 0.1, 0.0])
 
 
+def test_links_are_rolled_as_the_clamp_that_holds_them():
+    """Curvature at rest is about the clamp's own axes."""
+    rolled = Rotation.from_rotvec([0.7, 0.0, 0.0])
+    command = replace(held(), rotations=rolled.as_quat()[None, None])
+    chain = chain_of({"intrinsic_curvature": {"curvature": 2.0}}, command=command)
+    [grip] = chain.grips
+    for pose in (*chain.poses, grip.commanded @ grip.offset):
+        assert np.allclose(pose.rotation.as_matrix(), rolled.as_matrix())
+
+
 def test_links_lie_on_the_shape():
     u = np.linspace(0.0, 0.4, 200)
     arc = np.column_stack([np.sin(5 * u) / 5, 0 * u, (np.cos(5 * u) - 1) / 5, 0 * u])

@@ -18,9 +18,9 @@ class Anisotropy(Effect):
 
     Moments M1 = B kappa1, M2 = ratio B kappa2 about the section's principal axes [N m], curvatures
     in 1/m: Love, A Treatise on the Mathematical Theory of Elasticity, 1927. `angle` is from the
-    first material director, which is +y where the DLO begins in the plane, to the axis of B,
-    towards the second director. With the angle 0 nothing changes in the board's plane, with the
-    ratio 1 nowhere. Torsion stays that of the round section.
+    first material director, the clamp's y axis, to the axis of B, towards the second. With the
+    angle 0 nothing changes in the board's plane, with the ratio 1 nowhere. Torsion stays that of
+    the round section.
     """
 
     name: ClassVar[str] = "anisotropy"

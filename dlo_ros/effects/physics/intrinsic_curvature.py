@@ -30,7 +30,7 @@ class IntrinsicCurvature(Effect):
     the DLO, several are equally spaced along u with straight lines between. A kink turns the
     tangent by its angle [rad], spread over the knot spans beside its position.
 
-    `curvature` is about the first material director, which is +y where the DLO begins in the plane,
+    `curvature` is about the first material director, the clamp's y axis or without a clamp +y,
     `across` about the second, tangent x first; both turn with the DLO where it is twisted.
     """
 

@@ -150,6 +150,9 @@ def impose(imposed, time, theta, reach, frames, target, pins):
         frames[end, THETA] = theta[end]
         directed = False
         if clamp >= 0:
+            if end == 1 and frames[1, HELD] == 0.0:
+                # It takes the DLO free of twist, as the clamp at the start has turned it.
+                frames[1, THETA] += frames[0, THETA] - theta[0]
             _turn(frames[end], rotation[clamp])
             directed = True
         elif second >= 0:

@@ -4,10 +4,13 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from dlo_ros.command import END, START, Command
 from dlo_ros.errors import InputError
 from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.boundary.conditions import BODY, DIRECTOR, FRAME, TANGENT
@@ -17,10 +20,42 @@ from dlo_ros.spline import FloatArray, SplineBasis
 
 LEAST_SPEED = 1e-3  # of the tangent dr/du, which is 1 in a DLO that is not stretched
 SAME = 1e-9  # of the length: material coordinates closer together are the same
+OPPOSITE = -0.99  # cosine of directions between which there is no short way
+
+
+class EndFrame(NamedTuple):
+    """The material frame at an end of the DLO.
+
+    Args:
+        end: 0 at u = 0, -1 at u = L.
+        tangent: unit vector along growing u, shape (3,).
+        director: first director, unit and normal to it, shape (3,).
+    """
+
+    end: int
+    tangent: FloatArray
+    director: FloatArray
+
+
+def material_frame(command: Command, stamp: int) -> EndFrame | None:
+    """Frame of the clamp whose y axis is the DLO's first director; None without a clamp.
+
+    It is the clamp at the start, else that at the end.
+
+    Args:
+        command: command with all effects applied.
+        stamp: instant at which the DLO is taken as free of twist [ns].
+    """
+    for name, end in ((START, 0), (END, -1)):
+        if name in command.names:
+            _, rotations = command.sample(stamp)
+            axes = Rotation.from_quat(rotations[command.names.index(name)]).as_matrix()
+            return EndFrame(end, axes[:, 0], axes[:, 1])
+    return None
 
 
 def twist_free(
-    q: FloatArray, basis: SplineBasis, points: FloatArray, director: FloatArray | None = None
+    q: FloatArray, basis: SplineBasis, points: FloatArray, given: EndFrame | None = None
 ) -> tuple[Reference, FloatArray]:
     """A twist-free (Bishop) frame along a shape.
 
@@ -28,7 +63,8 @@ def twist_free(
         q: control points, shape (n, 4) (theta is not used).
         basis: spline basis of the control points.
         points: material coordinates of the bending points [m], shape (nb,), growing.
-        director: first director at u = 0, shape (3,); default: any.
+        given: frame at an end, carried the short way to the shape's tangent there; default: the
+            first director is +y, or +z, made normal to the tangent at u = 0.
 
     Returns:
         The reference at the points, and the frames at both ends (2, FRAME), see `conditions`.
@@ -46,13 +82,15 @@ def twist_free(
         )
     tangent = p / speed
     rate = (s - tangent * np.sum(tangent * s, axis=1, keepdims=True)) / speed
-    start = director
-    if start is None:
-        start = np.eye(3)[1] if abs(tangent[0, 1]) < 0.9 else np.eye(3)[2]
-    start = start - tangent[0] * (tangent[0] @ start)
     frame = np.empty_like(tangent)
-    frame[0] = start / np.linalg.norm(start)
-    _carry_along(r, tangent, frame)
+    if given is not None and given.end < 0:
+        backwards = np.empty_like(tangent)
+        backwards[0] = _first_director(tangent[-1], given)
+        _carry_along(np.ascontiguousarray(r[::-1]), np.ascontiguousarray(tangent[::-1]), backwards)
+        frame[:] = backwards[::-1]
+    else:
+        frame[0] = _first_director(tangent[0], given)
+        _carry_along(r, tangent, frame)
     reference = Reference(
         np.ascontiguousarray(tangent[at]),
         np.ascontiguousarray(rate[at]),
@@ -63,6 +101,18 @@ def twist_free(
     for end, k in enumerate((0, -1)):
         ends[end, TANGENT:DIRECTOR], ends[end, DIRECTOR:BODY] = tangent[k], frame[k]
     return reference, ends
+
+
+def _first_director(tangent: FloatArray, given: EndFrame | None) -> FloatArray:
+    """The first director at an end with a tangent (3,), unit and normal to it."""
+    start = np.eye(3)[1] if abs(tangent[1]) < 0.9 else np.eye(3)[2]
+    if given is not None:
+        near = given.tangent @ tangent
+        if near > OPPOSITE:
+            lean = (given.director @ tangent) / (1.0 + near)
+            start = given.director - lean * (given.tangent + tangent)
+    start = start - tangent * (tangent @ start)
+    return np.asarray(start / np.linalg.norm(start))
 
 
 @lru_cache(maxsize=64)
