@@ -23,6 +23,7 @@ of DLO, their number, and the factor between two of them."""
 SPACE_ROUNDS, SPACE_FACTOR = 5, 4.0
 """Numbers of knot spans that are tried, each twice the one before, and the factor by which the
 error falls at least: cubic splines converge faster."""
+CLEARLY_LONGER = 1.5  # tolerance of time steps over one that is known to do
 DRAFT_SPANS = 2
 """Knot spans of a draft's simulation over those of the observed spline."""
 DRAFT_TOLERANCE = 1e-3
@@ -95,15 +96,17 @@ def _longer_steps(
         fine: the control points of the fine simulation [m], shape (F, n, 3).
         most: root mean square error that is allowed, in units of the noise.
     """
-    if draft.tolerance == LONGEST:
-        return draft, off
-    longer = replace(draft, tolerance=LONGEST)
-    try:
-        moved = simulate(model, [longer], ()).predicted[0][..., :3] - fine
-    except SimulationError:
-        return draft, off
-    if rms([draft.coefficients(moved - off) / draft.noise]) < most:
-        return longer, moved
+    assert draft.tolerance is not None
+    tolerance = LONGEST
+    while tolerance > CLEARLY_LONGER * draft.tolerance:
+        longer = replace(draft, tolerance=tolerance)
+        tolerance /= TIME_FACTOR
+        try:
+            moved = simulate(model, [longer], ()).predicted[0][..., :3] - fine
+        except SimulationError:
+            continue
+        if rms([draft.coefficients(moved - off) / draft.noise]) < most:
+            return longer, moved
     return draft, off
 
 
