@@ -8,7 +8,7 @@ import pytest
 from experiment_recordings import fitted_set_up
 
 from dlo_ros.diagnosis.explain import joint_explanation
-from dlo_ros.diagnosis.explain.cause_naming import Cause
+from dlo_ros.diagnosis.explain.cause_naming import Cause, without_dampings
 from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.findings import joint_learning
 from dlo_ros.inference.joint import evaluate
@@ -109,3 +109,15 @@ def test_a_fit_that_has_left_the_shapes_is_taken_where_it_comes_near_them(monkey
     # A later fit to the same shapes does not leave them either.
     monkeypatch.setattr(joint_learning, "fit", lambda *_, **__: strayed)
     assert joint_learning.refitted(fitted, recordings).mean_err < 1.01 * fitted.mean_err
+
+
+def test_dampings_are_no_causes_beside_a_model_that_lacks_something():
+    """What any missing law loses or delays looks like a damping."""
+    parameters = [
+        SimpleNamespace(name="air_drag", effect=""),
+        SimpleNamespace(name="effects.point_mass.mass", effect="point_mass"),
+    ]
+    at = SimpleNamespace(model=SimpleNamespace(parameters=parameters))
+    mass = Cause("point_mass", ("effects.point_mass.mass",), {}, 9.0, 5e-3)
+    drag = Cause("air_drag", ("air_drag",), {}, 9.0, 5e-3)
+    assert without_dampings((mass, drag), at) == (mass,)

@@ -71,6 +71,9 @@ def test_a_peg_that_comes_nearer_is_taken_and_one_as_near_is_a_rival(
     assert (after.at is at) == (named == "wall")
     assert len(ended) == (named == "obstacle")  # only what is taken is fitted to its end
     assert list(contact.rivals if contact else {}) == rivals
+    if contact:  # beside a model that lacks something the other one may be as right
+        other = {"wall": "obstacle", "obstacle": "wall"}[named]
+        assert list(contact.instead(complete=False)) == [other]
 
 
 def test_no_peg_is_tried_without_a_wall_or_beside_a_known_one(monkeypatch):

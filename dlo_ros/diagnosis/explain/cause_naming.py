@@ -24,7 +24,7 @@ from dlo_ros.diagnosis.explain.certainty import (
     is_beyond,
     strained,
 )
-from dlo_ros.diagnosis.explain.contact_trials import Rivals
+from dlo_ros.diagnosis.explain.contact_trials import Contact, Rivals
 from dlo_ros.diagnosis.explain.offered_effects import Offer, offered, ranked_proposals
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Start
@@ -70,6 +70,28 @@ class Cause:
     rivals: Rivals
     evidence: float
     err: float
+
+
+def beside_contact(
+    causes: tuple[Cause, ...], contact: Contact | None, *, complete: bool
+) -> tuple[Cause, ...]:
+    """The causes, what was hit with its rivals.
+
+    Args:
+        complete: whether the model leaves nothing that matters.
+    """
+    if contact is None:
+        return causes
+    effect, rivals = contact.trial[1].effect, contact.instead(complete=complete)
+    return tuple(
+        replace(c, rivals={**c.rivals, **rivals}) if c.effect == effect else c for c in causes
+    )
+
+
+def without_dampings(causes: tuple[Cause, ...], at: Evaluation) -> tuple[Cause, ...]:
+    """The causes but for dampings: they take up what any missing law loses, or delays."""
+    guessed = {p.name for p in at.model.parameters if not p.effect}
+    return tuple(c for c in causes if not guessed & set(c.names))
 
 
 def _loss_without(at: Evaluation, bare: Evaluation) -> float:

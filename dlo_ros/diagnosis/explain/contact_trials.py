@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
 from dlo_ros.diagnosis.explain.candidate_trials import Trial, best_gain, fitted, gains
@@ -26,10 +26,16 @@ class Contact:
     Args:
         trial: the fit with it.
         rivals: what it may have hit instead.
+        farther: what does worse in its place; where the model lacks something, that may be why.
     """
 
     trial: Trial
     rivals: Rivals
+    farther: Rivals = field(default_factory=dict)
+
+    def instead(self, *, complete: bool) -> Rivals:
+        """What it may have hit instead, beside a model that is complete or lacks something."""
+        return self.rivals if complete else {**self.farther, **self.rivals}
 
 
 def best_contact(
@@ -59,7 +65,8 @@ def best_contact(
         only = flat or round_
         return None if only is None else Contact(only, {})
     first, second = (flat, round_) if gains(flat, round_[0]) else (round_, flat)
-    if (1.0 - LOWERS) * second[0].mean_err > first[0].mean_err:
-        return Contact(first, {})
     effect = second[1].effect
-    return Contact(first, {effect: second[0].model.settings.effects[effect]})
+    other = {effect: second[0].model.settings.effects[effect]}
+    if (1.0 - LOWERS) * second[0].mean_err > first[0].mean_err:
+        return Contact(first, {}, other)
+    return Contact(first, other)

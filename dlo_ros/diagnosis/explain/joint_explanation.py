@@ -15,7 +15,13 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     fitted,
     gains,
 )
-from dlo_ros.diagnosis.explain.cause_naming import Cause, named, without_needless
+from dlo_ros.diagnosis.explain.cause_naming import (
+    Cause,
+    beside_contact,
+    named,
+    without_dampings,
+    without_needless,
+)
 from dlo_ros.diagnosis.explain.cause_search import (
     Search,
     search,
@@ -236,10 +242,12 @@ def _concluded(
 
     def naming() -> tuple[tuple[Cause, ...], Mapping[str, float]]:
         causes, shifts = named(found, setup, bares, recordings, begun, own, least, exact=exact)
-        if contact is not None:
-            causes = tuple(_beside(c, contact) for c in causes)
-        if near.mean_err >= material:
+        whole = near.mean_err < material
+        causes = beside_contact(causes, contact, complete=whole)
+        if not whole:
             causes = _no_stand_ins(causes, replace(found, at=near), prepared)
+        if near.mean_err >= OWN * material:
+            causes = without_dampings(causes, near)
         return causes, shifts
 
     # A result that is the set-up alone stays the set-up.
@@ -317,12 +325,6 @@ def _one_minimum(found: Search, setup: Evaluation) -> tuple[Search, Evaluation]:
         return found, found.at
     likely = setup.posterior.evidence > found.at.posterior.evidence - WORTH
     return (replace(found, at=setup) if likely else found), setup
-
-
-def _beside(cause: Cause, contact: Contact) -> Cause:
-    """A cause with the rivals of what was hit, where it is that."""
-    own = cause.effect == contact.trial[1].effect
-    return replace(cause, rivals={**cause.rivals, **contact.rivals}) if own else cause
 
 
 def _no_stand_ins(

@@ -59,11 +59,12 @@ def with_peg_or_wall(
         at = fit(at, recordings, FIT_ITERATIONS)
         peg = at, proposal
         causes = tuple(proposal if c is wall else c for c in found.causes)
-        return replace(found, at=at, causes=causes), Contact(peg, {})
+        flat_one = {wall.effect: found.at.model.settings.effects[wall.effect]}
+        return replace(found, at=at, causes=causes), Contact(peg, {}, flat_one)
+    round_one = {proposal.effect: at.model.settings.effects[proposal.effect]}
     if (1.0 - LOWERS) * round_ > flat:
-        return found, contact
-    block = at.model.settings.effects[proposal.effect]
-    return found, Contact((found.at, wall), {**known, proposal.effect: block})
+        return found, Contact((found.at, wall), known, round_one)
+    return found, Contact((found.at, wall), {**known, **round_one})
 
 
 def peg_instead(at: Evaluation, wall: Proposal, recordings: Sequence[Recording]) -> Trial | None:
