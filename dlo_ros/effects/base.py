@@ -188,9 +188,13 @@ class Body:
                 f"effects.{key} is {place:g} m; it must lie on the DLO, 0 to {self.length:g} m"
             )
 
-    def hat(self, place: float) -> FloatArray:
-        """1 at a place, 0 a knot span away from it, at the quadrature points, shape (nb,)."""
-        away = np.abs(self.points - place) / self.basis.span_length
+    def hat(self, place: float, least: float = 0.0) -> FloatArray:
+        """1 at a place, 0 a knot span away from it, at the quadrature points, shape (nb,).
+
+        Args:
+            least: smallest distance at which it is 0 [m].
+        """
+        away = np.abs(self.points - place) / max(self.basis.span_length, least)
         return np.maximum(1.0 - away, 0.0)
 
     def give_at_grips(self) -> None:

@@ -28,7 +28,8 @@ class IntrinsicCurvature(Effect):
 
     Positive where the tangent turns from x towards -z with growing u. One number is constant along
     the DLO, several are equally spaced along u with straight lines between. A kink turns the
-    tangent by its angle [rad], spread over the knot spans beside its position.
+    tangent by its angle [rad], spread over the knot spans beside its position, or over 2 % of the
+    length to either side.
 
     `curvature` is about the first material director, the clamp's y axis or without a clamp +y,
     `across` about the second, tangent x first; both turn with the DLO where it is twisted.
