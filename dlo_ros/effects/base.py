@@ -189,11 +189,7 @@ class Body:
             )
 
     def hat(self, place: float, least: float = 0.0) -> FloatArray:
-        """1 at a place, 0 a knot span away from it, at the quadrature points, shape (nb,).
-
-        Args:
-            least: smallest distance at which it is 0 [m].
-        """
+        """1 at a place, 0 a knot span or `least` [m] away, at the quadrature points, (nb,)."""
         away = np.abs(self.points - place) / max(self.basis.span_length, least)
         return np.maximum(1.0 - away, 0.0)
 

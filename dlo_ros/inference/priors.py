@@ -66,7 +66,8 @@ def joint_model(start: Settings, given: Settings, scene: Scene) -> ParametricMod
     """The plain model with all of its set-up open within tolerance.
 
     Args:
-        start: values of the material from where a fit begins; effects given beforehand stay.
+        start: values of the material from where a fit begins; effects given beforehand stay, but
+            for numbers of which the parameter file states a std, which are open about its value.
         given: the parameter file.
         scene: properties of the recordings on which the priors depend.
     """
@@ -74,6 +75,9 @@ def joint_model(start: Settings, given: Settings, scene: Scene) -> ParametricMod
     for name, effect in effects().items():
         block = effect.setup(scene)
         if name in start.effects:
+            stated = [p for p in uncertain(given) if split_name(p.name)[0] == name]
+            if stated:
+                model = model.extended(name, {}, stated)
             continue
         open_ = {
             key: value for key, value in block.items() if tolerance(given, f"{name}.{key}") != 0.0
@@ -85,6 +89,22 @@ def joint_model(start: Settings, given: Settings, scene: Scene) -> ParametricMod
         if found:
             model = model.extended(name, open_, found)
     return model
+
+
+def uncertain(given: Settings) -> list[Parameter]:
+    """Numbers of effects that the parameter file states with a std: known, and no better."""
+    result = []
+    for effect, block in given.effects.items():
+        for key, value in block.items():
+            width = given.tolerances.get(f"{effect}.{key}", 0.0)
+            if not width > 0.0:
+                continue
+            q = quantities(effect)[key]
+            values = value if isinstance(value, tuple) else (value,)
+            for name, here in zip(effect_names(effect, key, value), values, strict=True):
+                std = width / abs(here) if q.logarithmic and q.unit else width
+                result.append(_parameter(name, q, float(here), std, given, tolerated=True))
+    return result
 
 
 def with_tails(model: ParametricModel, given: Settings) -> ParametricModel:

@@ -8,8 +8,8 @@ import pytest
 from rods import PAPER
 
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
-from dlo_ros.diagnosis.explain import candidate_trials, contact_trials, joint_explanation
-from dlo_ros.diagnosis.explain.cause_naming import Cause
+from dlo_ros.diagnosis.explain import candidate_trials, contact_trials
+from dlo_ros.diagnosis.explain.cause_naming import Cause, beside_contact
 from dlo_ros.effects import Start
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.inference import joint_fit
@@ -79,9 +79,11 @@ def test_of_a_wall_and_a_peg_the_one_that_explains_more_stays(
     at, proposal = found.trial
     assert proposal.effect == named and named in at.model.settings.effects
     assert list(found.rivals) == rivals
-    hit, other = (Cause(e, (), {}, 9.0, 1e-2) for e in (named, "point_mass"))
-    assert list(joint_explanation._beside(hit, found).rivals) == rivals
-    assert not joint_explanation._beside(other, found).rivals
+    causes = tuple(Cause(e, (), {}, 9.0, 1e-2) for e in (named, "point_mass"))
+    whole, lacking = (beside_contact(causes, found, complete=c) for c in (True, False))
+    assert list(whole[0].rivals) == rivals
+    assert list(lacking[0].rivals) == [{"wall": "obstacle", "obstacle": "wall"}[named]]
+    assert not whole[1].rivals and not lacking[1].rivals
     if named == "wall":
         assert at.model.settings.effects["wall"] == pytest.approx(
             {"offset": -0.11, "angle": -0.5 * np.pi}

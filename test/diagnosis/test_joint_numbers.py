@@ -9,7 +9,12 @@ from experiment_recordings import moving
 from dlo_ros.diagnosis.explain.candidate_trials import fitted
 from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.findings.joint_learning import training_set
-from dlo_ros.diagnosis.findings.joint_numbers import set_up_numbers
+from dlo_ros.diagnosis.findings.joint_numbers import (
+    at_guessed_scale,
+    fitted_material,
+    outer_stds,
+    set_up_numbers,
+)
 from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of, with_proposals
 from dlo_ros.effects import starts
 from dlo_ros.identification.offline.initial_fit import begin
@@ -106,3 +111,27 @@ def test_an_effect_that_is_no_certain_cause_is_told_too(draughty):
     told = set_up_numbers(fitted(model, prepared.recordings), (), given)
     added = told["quadratic_drag.coefficient"]
     assert added.tolerance is None and added.std > 0.0
+
+
+def test_a_scale_of_all_forces_that_nothing_tells_is_that_of_the_guesses(draughty):
+    """However far the size that a cause mostly has leads the fit away from them."""
+    prepared, _, _ = draughty
+    at = prepared.setup
+    theta = at.model.theta()
+    for name in ("young_modulus", "density", "air_drag"):
+        theta[at.model.index(name)] -= 1.2
+    away = replace(at, model=at.model.at(theta))
+    here, there = (at_guessed_scale(e).model.settings for e in (at, away))
+    assert there.rod.density == pytest.approx(here.rod.density, rel=1e-6)
+    assert there.rod.specific_modulus == pytest.approx(
+        at.model.settings.rod.specific_modulus, rel=1e-9
+    )
+    assert abs(here.rod.density / at.model.parameters[1].outer(at.model.parameters[1].centre) - 1
+               ) < 0.5  # fmt: skip
+    told = fitted_material(away, None, None)
+    assert told.young_modulus[1] is told.density[1] is None
+    assert told.specific_modulus[1] is not None
+    drag = away.model.index("air_drag")
+    assert 0.3 < outer_stds(away)[drag] / away.model.settings.damping.air_drag < 1.0
+    known = weighed(away, 0.05)
+    assert at_guessed_scale(known) is known

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from experiment_recordings import fitted_set_up
+from experiment_recordings import fitted_set_up, moving
 from field.coverage import condition
 from live_estimates import live_estimate
 from measured import at_rest, swing
@@ -98,6 +98,17 @@ def test_a_set_up_as_stated_is_taken_as_exact(guess):
     assert found.fitted.set_up == {}
     assert not found.estimate.settings.effects
     assert found.estimate.specific_modulus == pytest.approx(RATIO, rel=2e-3)
+
+
+@pytest.mark.parametrize("std", [0.0, 1e-3])
+def test_what_is_known_of_an_effect_to_a_std_is_known_no_better(std):
+    """Shapes tell the mass over the density, which is known as well as the mass is."""
+    hung = {"point_mass": {"mass": 0.006, "position": 0.3}}
+    recording, guess = moving("simple", hung, 33)
+    known = guess.with_effects(hung).flat() | {"effects.point_mass.mass_std": std}
+    found = identify([recording], Settings.from_mapping(known)).estimate
+    expected = std / 0.006 * found.settings.rod.density
+    assert found.density_std == pytest.approx(expected, rel=0.25, abs=50.0)
 
 
 def test_a_mixture_has_the_variance_of_both_and_of_what_lies_between():

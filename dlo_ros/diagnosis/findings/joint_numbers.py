@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.findings.diagnosis_outcome import (
@@ -17,6 +18,7 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     SetupNumber,
 )
 from dlo_ros.effects import added_to_damping, damping_effect, effects, quantities
+from dlo_ros.identification.force_scale import POWERS
 from dlo_ros.identification.information import model_shift
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.parameter import Parameter, split_name
@@ -74,30 +76,85 @@ def damping_as_effects(settings: Settings, given: Settings, names: Iterable[str]
 
 
 def outer_stds(at: Evaluation, widening: Mapping[str, float] | None = None) -> FloatArray:
-    """Standard deviations of the values of all parameters, shape (P,): `reported_covariance`."""
-    spread = np.sqrt(np.diag(reported_covariance(at, widening)))
-    return np.array(
-        [
-            p.outer_std(x, s)
-            for p, s, x in zip(at.model.parameters, spread, at.model.theta(), strict=True)
-        ]
-    )
+    """Standard deviations of the values of all parameters, shape (P,).
+
+    Where nothing tells how large forces are, those of an effect are known as well as the guesses of
+    density and dampings are, whose tolerances are factors of two and three.
+    """
+    spread = reported_covariance(at, widening)
+    if of_any_scale(at, spread):
+        spread = _covariance(at, np.where(_forces(at), UNKNOWN, 1.0), widening)
+    stds = np.sqrt(np.diag(spread))
+    pairs = zip(at.model.parameters, stds, at.model.theta(), strict=True)
+    return np.array([p.outer_std(x, s) for p, s, x in pairs])
 
 
-def reported_covariance(
-    at: Evaluation, widening: Mapping[str, float] | None = None
-) -> FloatArray:  # fmt: skip
+def reported_covariance(at: Evaluation, widening: Mapping[str, float] | None = None) -> FloatArray:
     """Covariance in which guesses count for nothing, and the recordings' disagreement does, shape
     (P, P).
+
+    With a guessed density nor do the sizes that the forces of causes mostly have.
 
     Args:
         widening: factors of the std of parameters, see `confirmed_uncertainty`.
     """
     guessed = np.array([p.guessed for p in at.model.parameters])
-    precision = at.model.precision() * np.where(guessed, UNKNOWN, 1.0)
+    if guessed[at.model.index("density")]:
+        guessed |= _forces(at)
+    return _covariance(at, np.where(guessed, UNKNOWN, 1.0), widening)
+
+
+def _covariance(
+    at: Evaluation, counted: FloatArray, widening: Mapping[str, float] | None
+) -> FloatArray:
+    """Covariance with a share of each prior's information, shape (P, P)."""
     factors = np.array([(widening or {}).get(n, 1.0) for n in at.model.names])
+    precision = counted * at.model.precision()
     spread = widened_covariance(at.spectra, at.variances, at.model.offset(), precision)
     return np.asarray(spread * np.outer(factors, factors))
+
+
+def _forces(at: Evaluation) -> NDArray[np.bool_]:
+    """Parameters that are as large as all forces, and that nobody has stated, shape (P,)."""
+    return np.array([p.unit in POWERS and not p.tolerated and bool(p.effect)
+                     for p in at.model.parameters])  # fmt: skip
+
+
+def of_any_scale(at: Evaluation, covariance: FloatArray) -> bool:
+    """Whether all forces may be larger or smaller together: see `force_scale`.
+
+    Args:
+        covariance: the reported one.
+    """
+    k = at.model.index("density")
+    return bool(at.model.parameters[k].guessed and covariance[k, k] >= UNBOUNDED**2)
+
+
+def at_guessed_scale(at: Evaluation) -> Evaluation:
+    """The model with the scale of all forces that the guesses of its material say.
+
+    Where nothing tells that scale, a fit has it from the sizes that the forces of causes mostly
+    have, too: of a drag twelve times its usual size, a DLO three times too light.
+    """
+    if not of_any_scale(at, reported_covariance(at)):
+        return at
+    model, theta = at.model, at.model.theta()
+    way = np.array([_power(p, x) for p, x in zip(model.parameters, theta, strict=True)])
+    counted = np.array([p.guessed for p in model.parameters]) * model.precision()
+    step = float(np.sum(counted * way * model.offset()) / np.sum(counted * way**2))
+    moved = np.array([
+        p.inner(p.outer(x) * math.exp(step * POWERS[p.unit])) if p.effect and w else x + step * w
+        for p, x, w in zip(model.parameters, theta, way, strict=True)
+    ])  # fmt: skip
+    return replace(at, model=model.at(moved))
+
+
+def _power(p: Parameter, x: float) -> float:
+    """Change of a parameter, at x, by the logarithm of the scale of all forces."""
+    if p.name in ("young_modulus", "density", "air_drag"):
+        return 1.0
+    power = POWERS.get(p.unit, 0.0) if p.effect else 0.0
+    return power if p.logarithmic else power * x
 
 
 def fitted_material(

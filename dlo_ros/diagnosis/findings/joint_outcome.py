@@ -31,6 +31,7 @@ from dlo_ros.diagnosis.findings.joint_learning import (
     refitted,
 )
 from dlo_ros.diagnosis.findings.joint_numbers import (
+    at_guessed_scale,
     damping_as_effects,
     effect_numbers,
     fitted_material,
@@ -180,6 +181,7 @@ def _final(
         at, compared = without_own_error(at, recordings)
         if compared is not recordings:  # otherwise that fit is at its end, or was refused
             at = fit(at, compared, FINAL_ITERATIONS, loss=TO_REPORT)
+    at = at_guessed_scale(at)
     wider = confirmed(at, compared, [name for c in found.causes for name in c.names])
     found = still_certain(found, at, reported_covariance(at, wider.parameters))
     try:
@@ -306,10 +308,11 @@ def _effect(cause: Cause, final: _Final, given: Settings, missed: float) -> Name
 
 
 def _tried(found: Explanation) -> tuple[Trial, ...]:
-    """The best of each candidate's trials: minus twice its log evidence over that without it."""
+    """The best of each effect's trials: minus twice its log evidence over that without it."""
     best: dict[str, float] = {}
     for step in found.trace:
-        best[step.name] = max(step.gain, best.get(step.name, -np.inf))
+        effect, _, _ = step.name.partition(" (")  # what follows is where it began
+        best[effect] = max(step.gain, best.get(effect, -np.inf))
     order = sorted(best.items(), key=lambda row: -row[1])
     return tuple(Trial(name, None, -2.0 * gain) for name, gain in order)
 

@@ -5,14 +5,16 @@ Nobody measures to a degree how a cable leaves its clamp, hangs a camera perfect
 length to a tenth of a per cent, and shapes show such errors: left out of the model, they distort
 E/mu. So two models are weighed by their evidence: the set-up exactly as stated, and every number of
 it open within its tolerance. The estimate is that of the likelier one, the covariance that of both
-(Hoeting et al., Bayesian model averaging: a tutorial, 1999).
+(Hoeting et al., Bayesian model averaging: a tutorial, 1999). What the parameter file states with a
+std is open in both.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import expit
@@ -28,7 +30,7 @@ from dlo_ros.inference.joint import Evaluation, evaluate, restricted
 from dlo_ros.inference.joint_fit import ITERATIONS, best_settled, expected_gain, fit, next_step
 from dlo_ros.inference.losses import CORRELATED, TO_REPORT
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.priors import joint_model, with_tails
+from dlo_ros.inference.priors import joint_model, uncertain, with_tails
 from dlo_ros.inference.scene import scene_of
 from dlo_ros.inference.thresholds import NAMED, TRACKER_ERROR
 from dlo_ros.inference.variances import posterior, widened_covariance
@@ -92,25 +94,33 @@ def weighed(begun: Beginning, given: Settings) -> MaterialFit:
         given: the parameter file, whose values the priors lie around.
     """
     exact, recordings = begun.at, begun.recordings
+    known = uncertain(given)
+    report = partial(_reported, begun, stated={p.name for p in known})
     try:
+        if known:
+            model = replace(exact.model, parameters=(*exact.model.parameters, *known))
+            exact = fit(evaluate(model, recordings), recordings, ITERATIONS)
         rough = drafts(recordings, exact)
         start = _open(exact, rough, given)
-        if start is None or restricted(start, start.model.names).evidence < _stated(start) - NAMED:
-            return _reported(begun, exact, recordings, alternatives(exact, recordings))
+        if start is None:
+            return report(exact, recordings, alternatives(exact, recordings))
+        stated = restricted(start, exact.model.names).evidence
+        if restricted(start, start.model.names).evidence < stated - NAMED:
+            return report(exact, recordings, alternatives(exact, recordings))
         at = best_settled(start, rough)
         others = alternatives(at, rough)
-        probability = float(expit(at.posterior.evidence - _stated(start)))
+        probability = float(expit(at.posterior.evidence - stated))
         at = evaluate(at.model, recordings, at.variances)
         if probability <= 0.5:
-            return _reported(begun, exact, recordings, others, at, probability)
+            return report(exact, recordings, others, at, probability)
         sharper = finer(begun, at.model, {})
         if sharper is not None:
             recordings = sharper.recordings
             at = evaluate(at.model, recordings, at.variances)
-        return _reported(begun, at, recordings, others, exact, 1.0 - probability)
+        return report(at, recordings, others, exact, 1.0 - probability)
     except SimulationError as err:
         LOG.warning("the set-up is taken as exact: with it open the simulation fails (%s)", err)
-        return _reported(begun, exact, begun.recordings)
+        return report(begun.at, begun.recordings)
 
 
 def _open(exact: Evaluation, recordings: Sequence[Recording], given: Settings) -> Evaluation | None:
@@ -122,15 +132,10 @@ def _open(exact: Evaluation, recordings: Sequence[Recording], given: Settings) -
     return evaluate(model, recordings, exact.variances)
 
 
-def _stated(start: Evaluation) -> float:
-    """Log evidence of the set-up as stated."""
-    own = [p.name for p in start.model.parameters if not p.effect]
-    return restricted(start, own).evidence
-
-
 def _reported(
     begun: Beginning, likelier: Evaluation, recordings: Sequence[Recording],
     others: Sequence[Alternative] = (), other: Evaluation | None = None, probability: float = 0.0,
+    *, stated: Collection[str],
 ) -> MaterialFit:  # fmt: skip
     """The likelier of two models, fitted to its end without its simulation's error, and the
     information of both.
@@ -138,14 +143,15 @@ def _reported(
     Args:
         others: effects that the material rather stands for.
         probability: posterior probability of the other model.
+        stated: names of what the parameter file states with a std.
     """
     at, compared = without_own_error(likelier, recordings)
     at = fit(at, compared, ITERATIONS, loss=TO_REPORT)
-    information = _information(at)
+    information = _information(at, stated)
     if other is not None:
         apart = logarithms(at.model.settings) - logarithms(other.model.settings)
         apart = np.where(np.isfinite(apart), apart, 0.0)
-        information = mixed(information, _information(other), probability, apart)
+        information = mixed(information, _information(other, stated), probability, apart)
     for a in others:
         information = widened(information, a.shift)
     spread = np.sqrt(np.diag(at.posterior.covariance))
@@ -159,13 +165,16 @@ def _reported(
     )
 
 
-def _information(at: Evaluation) -> FloatArray:
+def _information(at: Evaluation, stated: Collection[str] = ()) -> FloatArray:
     """Information of the data on the material, with possible errors of theory and diameter.
 
     What a fit has not reached is another possible error: the step that is expected to lead there.
     Where a model misses by more than any tracker errs, it is wrong: each std is as much larger.
+
+    Args:
+        stated: see `_reported`.
     """
-    by_eye = any(p.effect for p in at.model.parameters)
+    by_eye = any(p.effect and p.name not in stated for p in at.model.parameters)
     wrong = max(1.0, at.mean_err / (TRACKER_ERROR * at.model.settings.rod.length))
     data = marginal_information(at) / wrong**2
     known = widened(data, model_shift(at.model.settings, usual=by_eye))
