@@ -58,11 +58,15 @@ class PlainRod(NamedTuple):
         young_modulus: [Pa].
         relaxation_time: of Kelvin-Voigt damping [s].
         second_moment: second moment of area of its section [m^4].
+        air_drag: linear drag [N s/m^2].
+        speed: speed at which a rod of its length swings [m/s].
     """
 
     young_modulus: float
     relaxation_time: float
     second_moment: float
+    air_drag: float = 0.0
+    speed: float = 1.0
 
 
 @dataclass(frozen=True)

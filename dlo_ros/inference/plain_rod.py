@@ -2,19 +2,21 @@
 """The plain rod of a model, and the effects that it may stand for.
 
 A DLO that creeps is fitted by a much softer one that is damped strongly, one whose strands rub on
-one another by a stiffer one: minima of their own, from which no derivative leads to the creep or
-the friction. Where the one is the other in a limit, both lie near one another, and a fit goes on
-from there.
+one another by a stiffer one, a drag of the square of speed by a linear one: minima of their own,
+from which no derivative leads to the creep, the friction or that drag. Where the one is the other
+in a limit, both lie near one another, and a fit goes on from there.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from dlo_ros.effects import Effect, PlainRod, Start, effects
 from dlo_ros.inference.parameter import Parameter, ParametricModel, value_of
 from dlo_ros.inference.priors import cause_priors
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
+from dlo_ros.rod_settings import STANDARD_GRAVITY
 
 
 def instead_of_plain(
@@ -55,7 +57,9 @@ def _plain(model: ParametricModel) -> PlainRod:
     """The plain rod of a model."""
     names = (name for name in PlainRod._fields if name in MATERIAL)
     values = {name: value_of(model.settings, name) for name in names}
-    return PlainRod(**values, second_moment=model.settings.rod.second_moment)
+    rod = model.settings.rod
+    speed = math.sqrt(STANDARD_GRAVITY * rod.length)
+    return PlainRod(**values, second_moment=rod.second_moment, speed=speed)
 
 
 def _with_plain(model: ParametricModel, rod: PlainRod) -> ParametricModel:

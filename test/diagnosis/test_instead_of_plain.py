@@ -77,11 +77,11 @@ def test_friction_is_found_where_the_fit_had_taken_it_for_stiffness():
 @pytest.mark.parametrize("name", sorted(effects()))
 def test_what_stands_for_a_plain_rod_is_taken_for_it(name, creeping):
     effect, scene = effects()[name], creeping[0].scene
-    fitted, guessed = PlainRod(2e6, 0.4, 2e-10), PlainRod(9e6, 0.01, 2e-10)
+    fitted, guessed = PlainRod(2e6, 0.4, 2e-10, 0.05, 2.0), PlainRod(9e6, 0.01, 2e-10, 0.01, 2.0)
     begun = [s for s in starts(scene) if s.effect == name]
     instead = effect.instead_of(fitted, guessed, begun)
     if instead is None:
-        assert name not in ("viscoelasticity", "hysteresis")
+        assert name not in ("viscoelasticity", "hysteresis", "quadratic_drag")
         return
     other, beside = instead
     assert np.allclose(other.taken_for(beside), fitted)
@@ -90,3 +90,14 @@ def test_what_stands_for_a_plain_rod_is_taken_for_it(name, creeping):
 def test_a_damping_below_its_guess_stands_for_no_creep():
     creep = effects()["viscoelasticity"]
     assert creep.instead_of(PlainRod(9e6, 1e-3, 2e-10), PlainRod(9e6, 0.01, 2e-10), []) is None
+
+
+@pytest.mark.parametrize(("drag", "tried"), [(0.005, False), (0.019, False), (0.03, True)])
+def test_a_drag_well_above_its_guess_may_be_one_of_the_square_of_speed(drag, tried):
+    """It is as strong at the speed of a swing; a guess is good to a factor of two."""
+    fitted, guessed = (PlainRod(9e6, 0.01, 2e-10, c, 2.0) for c in (drag, 0.01))
+    instead = effects()["quadratic_drag"].instead_of(fitted, guessed, [])
+    assert (instead is not None) == tried
+    if instead:
+        assert instead[0].coefficient == pytest.approx((drag - 0.01) / 2.0)
+        assert instead[1] == guessed

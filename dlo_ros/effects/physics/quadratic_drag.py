@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
-from dlo_ros.effects.base import Body, Effect, quantity
+from dlo_ros.effects.base import Body, Effect, PlainRod, Start, quantity
+
+CLEARLY_MORE = 1.0
+"""Linear drag beyond its guess, over the guess, for which a quadratic one is tried."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,20 @@ class QuadraticDrag(Effect):
     coefficient: float = quantity(
         0.0, "N s^2/m^3", 0.0, 1e4, "drag over the square of the velocity across the DLO"
     )
+
+    @classmethod
+    def instead_of(
+        cls, fitted: PlainRod, guessed: PlainRod, begun: Sequence[Start]
+    ) -> tuple[Self, PlainRod] | None:
+        """See the class: a linear drag well above its guess is as strong in a swing."""
+        more = fitted.air_drag - guessed.air_drag
+        if not more > CLEARLY_MORE * guessed.air_drag:
+            return None
+        return cls(more / fitted.speed), fitted._replace(air_drag=guessed.air_drag)
+
+    def taken_for(self, beside: PlainRod) -> PlainRod:
+        """See the class."""
+        return beside._replace(air_drag=beside.air_drag + self.coefficient * beside.speed)
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""

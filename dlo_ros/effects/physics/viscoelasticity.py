@@ -58,7 +58,9 @@ class Viscoelasticity(Effect):
         if slow <= 0.0:
             return None
         left = 1.0 - TAKEN_SHARE
-        stiffer = guessed._replace(young_modulus=fitted.young_modulus / left)
+        stiffer = fitted._replace(
+            young_modulus=fitted.young_modulus / left, relaxation_time=guessed.relaxation_time
+        )
         return cls(TAKEN_SHARE, slow * left / TAKEN_SHARE), stiffer
 
     def taken_for(self, beside: PlainRod) -> PlainRod:
