@@ -20,23 +20,20 @@ from dlo_ros.diagnosis.explain.joint_explanation import (
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.proposals.time_steps import with_short_steps
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.offline.drafts import drafts
+from dlo_ros.identification.offline.drafts import DRAFT_SHARE, drafts
 from dlo_ros.identification.offline.initial_fit import Beginning
 from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, rejudged, simulate
 from dlo_ros.inference.joint_fit import ITERATIONS, fit
 from dlo_ros.inference.losses import TO_REPORT
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.thresholds import APART, CLEARLY_LESS, FEWEST
+from dlo_ros.inference.thresholds import APART, CLEARLY_LESS, FEWEST, LOWERS
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
 FINAL_ITERATIONS = 8
-MUCH_NEARER = 0.1
-"""ERR of a set-up over the plain model's, below which drafts that err by a hundredth of the plain
-model's err by more than a tenth of the set-up's: that looks like a cause."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +116,8 @@ def training_set(
     at = beginning.near or beginning.at
     rough = with_short_steps(drafts(learned, at.of(chosen)), at.of(chosen))
     prepared = prepare(rough, plain, given)
-    if prepared.setup.mean_err < MUCH_NEARER * prepared.plain_err:
+    missed = DRAFT_SHARE * prepared.plain_err
+    if missed > LOWERS * prepared.setup.mean_err:  # it would look like a cause
         prepared = _with_finer_drafts(prepared, learned)
     return TrainingSet(recordings, count, held_out, prepared)
 

@@ -23,7 +23,6 @@ of DLO, their number, and the factor between two of them."""
 SPACE_ROUNDS, SPACE_FACTOR = 5, 4.0
 """Numbers of knot spans that are tried, each twice the one before, and the factor by which the
 error falls at least: cubic splines converge faster."""
-CLEARLY_LONGER = 1.5  # tolerance of time steps over one that is known to do
 DRAFT_SPANS = 2
 """Knot spans of a draft's simulation over those of the observed spline."""
 DRAFT_TOLERANCE = 1e-3
@@ -97,10 +96,9 @@ def _longer_steps(
         most: root mean square error that is allowed, in units of the noise.
     """
     assert draft.tolerance is not None
-    tolerance = LONGEST
-    while tolerance > CLEARLY_LONGER * draft.tolerance:
-        longer = replace(draft, tolerance=tolerance)
-        tolerance /= TIME_FACTOR
+    rounds = round(np.log(LONGEST / draft.tolerance) / np.log(TIME_FACTOR))
+    for k in range(rounds):
+        longer = replace(draft, tolerance=LONGEST / TIME_FACTOR**k)
         try:
             moved = simulate(model, [longer], ()).predicted[0][..., :3] - fine
         except SimulationError:
