@@ -112,7 +112,7 @@ def test_a_fit_that_has_left_the_shapes_is_taken_where_it_comes_near_them(monkey
 
 
 def test_dampings_are_no_causes_beside_a_model_that_lacks_something():
-    """What any missing law loses or delays looks like a damping."""
+    """The loss or delay by any missing law looks like a damping."""
     parameters = [
         SimpleNamespace(name="air_drag", effect=""),
         SimpleNamespace(name="effects.point_mass.mass", effect="point_mass"),

@@ -34,7 +34,7 @@ class Contact:
     farther: Rivals = field(default_factory=dict)
 
     def instead(self, *, complete: bool) -> Rivals:
-        """What it may have hit instead, beside a model that is complete or lacks something."""
+        """The rivals of what was hit, beside a model that is complete or lacks something."""
         return self.rivals if complete else {**self.farther, **self.rivals}
 
 
