@@ -71,13 +71,10 @@ def joint_model(start: Settings, given: Settings, scene: Scene) -> ParametricMod
         given: the parameter file.
         scene: properties of the recordings on which the priors depend.
     """
-    model = ParametricModel(start, material_priors(given))
+    model = ParametricModel(start, (*material_priors(given), *uncertain(given)))
     for name, effect in effects().items():
         block = effect.setup(scene)
         if name in start.effects:
-            stated = [p for p in uncertain(given) if split_name(p.name)[0] == name]
-            if stated:
-                model = model.extended(name, {}, stated)
             continue
         open_ = {
             key: value for key, value in block.items() if tolerance(given, f"{name}.{key}") != 0.0

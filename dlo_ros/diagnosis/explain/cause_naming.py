@@ -90,8 +90,8 @@ def beside_contact(
 
 def without_dampings(causes: tuple[Cause, ...], at: Evaluation) -> tuple[Cause, ...]:
     """The causes but for dampings: they take up what any missing law loses, or delays."""
-    guessed = {p.name for p in at.model.parameters if not p.effect}
-    return tuple(c for c in causes if not guessed & set(c.names))
+    material = {p.name for p in at.model.parameters if not p.effect}
+    return tuple(c for c in causes if material.isdisjoint(c.names))
 
 
 def _loss_without(at: Evaluation, bare: Evaluation) -> float:

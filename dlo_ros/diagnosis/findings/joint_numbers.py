@@ -18,10 +18,10 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     SetupNumber,
 )
 from dlo_ros.effects import added_to_damping, damping_effect, effects, quantities
-from dlo_ros.identification.force_scale import POWERS
+from dlo_ros.identification.force_scale import POWERS, with_scale
 from dlo_ros.identification.information import model_shift
 from dlo_ros.inference.joint import Evaluation
-from dlo_ros.inference.parameter import Parameter, split_name
+from dlo_ros.inference.parameter import Parameter, ParametricModel, split_name
 from dlo_ros.inference.thresholds import UNBOUNDED
 from dlo_ros.inference.variances import widened_covariance
 from dlo_ros.parameters import Settings, tolerance
@@ -82,7 +82,7 @@ def outer_stds(at: Evaluation, widening: Mapping[str, float] | None = None) -> F
     density and dampings are, whose tolerances are factors of two and three.
     """
     spread = reported_covariance(at, widening)
-    if of_any_scale(at, spread):
+    if _of_any_scale(at, spread):
         spread = _covariance(at, np.where(_forces(at), UNKNOWN, 1.0), widening)
     stds = np.sqrt(np.diag(spread))
     pairs = zip(at.model.parameters, stds, at.model.theta(), strict=True)
@@ -120,7 +120,7 @@ def _forces(at: Evaluation) -> NDArray[np.bool_]:
                      for p in at.model.parameters])  # fmt: skip
 
 
-def of_any_scale(at: Evaluation, covariance: FloatArray) -> bool:
+def _of_any_scale(at: Evaluation, covariance: FloatArray) -> bool:
     """Whether all forces may be larger or smaller together: see `force_scale`.
 
     Args:
@@ -136,25 +136,18 @@ def at_guessed_scale(at: Evaluation) -> Evaluation:
     Where nothing tells that scale, a fit has it from the sizes that the forces of causes mostly
     have, too: of a drag twelve times its usual size, a DLO three times too light.
     """
-    if not of_any_scale(at, reported_covariance(at)):
+    if not _of_any_scale(at, reported_covariance(at)):
         return at
-    model, theta = at.model, at.model.theta()
-    way = np.array([_power(p, x) for p, x in zip(model.parameters, theta, strict=True)])
-    counted = np.array([p.guessed for p in model.parameters]) * model.precision()
-    step = float(np.sum(counted * way * model.offset()) / np.sum(counted * way**2))
-    moved = np.array([
-        p.inner(p.outer(x) * math.exp(step * POWERS[p.unit])) if p.effect and w else x + step * w
-        for p, x, w in zip(model.parameters, theta, way, strict=True)
-    ])  # fmt: skip
-    return replace(at, model=model.at(moved))
+    model, guessed = at.model, np.array([p.guessed for p in at.model.parameters])
+    way = _at_scale(model, 1.0).theta() - model.theta()  # of logarithms, as guesses are
+    counted = guessed * model.precision() * way
+    step = float(counted @ model.offset() / (counted @ way))
+    return replace(at, model=_at_scale(model, step))
 
 
-def _power(p: Parameter, x: float) -> float:
-    """Change of a parameter, at x, by the logarithm of the scale of all forces."""
-    if p.name in ("young_modulus", "density", "air_drag"):
-        return 1.0
-    power = POWERS.get(p.unit, 0.0) if p.effect else 0.0
-    return power if p.logarithmic else power * x
+def _at_scale(model: ParametricModel, log: float) -> ParametricModel:
+    """The model with all forces multiplied by exp(log)."""
+    return replace(model, settings=with_scale(model.settings, log))
 
 
 def fitted_material(

@@ -9,8 +9,8 @@ from typing import ClassVar, Self
 
 from dlo_ros.effects.base import Body, Effect, PlainRod, Start, quantity
 
-CLEARLY_MORE = 1.0
-"""Linear drag beyond its guess, over the guess, for which a quadratic one is tried."""
+CLEARLY_MORE = 2.0
+"""Linear drag over its guess, beyond which a quadratic one is tried."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class QuadraticDrag(Effect):
         cls, fitted: PlainRod, guessed: PlainRod, begun: Sequence[Start]
     ) -> tuple[Self, PlainRod] | None:
         """See the class: a linear drag well above its guess is as strong in a swing."""
-        more = fitted.air_drag - guessed.air_drag
-        if not more > CLEARLY_MORE * guessed.air_drag:
+        if fitted.air_drag <= CLEARLY_MORE * guessed.air_drag:
             return None
+        more = fitted.air_drag - guessed.air_drag
         return cls(more / fitted.speed), fitted._replace(air_drag=guessed.air_drag)
 
     def taken_for(self, beside: PlainRod) -> PlainRod:

@@ -66,9 +66,8 @@ def _draft(
     finest = recording.spans or first * 2**SPACE_ROUNDS
     coarser = [first * 2**k for k in range(SPACE_ROUNDS) if first * 2**k < finest]
     smallest = min(recording.tolerance or DRAFT_TOLERANCE, DRAFT_TOLERANCE)
-    rounds = round(np.log(DRAFT_TOLERANCE / smallest) / np.log(TIME_FACTOR))
     tolerances = [max(DRAFT_TOLERANCE, recording.tolerance or 0.0)]
-    tolerances += [DRAFT_TOLERANCE / TIME_FACTOR**k for k in range(1, rounds + 1)]
+    tolerances += _tolerances(DRAFT_TOLERANCE, smallest)[1:]
     for spans, tolerance in product((*coarser, recording.spans), tolerances):
         draft = replace(recording, spans=spans, tolerance=tolerance, rapid={})
         try:
@@ -80,6 +79,12 @@ def _draft(
             # Its error is nearly the same with other models.
             return draft.moved(off)
     return recording
+
+
+def _tolerances(first: float, last: float) -> list[float]:
+    """Tolerances of time steps from one down to another."""
+    rounds = round(np.log(first / last) / np.log(TIME_FACTOR))
+    return [first / TIME_FACTOR**k for k in range(rounds + 1)]
 
 
 def _longer_steps(
@@ -96,9 +101,8 @@ def _longer_steps(
         most: root mean square error that is allowed, in units of the noise.
     """
     assert draft.tolerance is not None
-    rounds = round(np.log(LONGEST / draft.tolerance) / np.log(TIME_FACTOR))
-    for k in range(rounds):
-        longer = replace(draft, tolerance=LONGEST / TIME_FACTOR**k)
+    for tolerance in _tolerances(LONGEST, draft.tolerance)[:-1]:
+        longer = replace(draft, tolerance=tolerance)
         try:
             moved = simulate(model, [longer], ()).predicted[0][..., :3] - fine
         except SimulationError:

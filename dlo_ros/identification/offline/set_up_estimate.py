@@ -102,10 +102,8 @@ def weighed(begun: Beginning, given: Settings) -> MaterialFit:
             exact = fit(evaluate(model, recordings), recordings, ITERATIONS)
         rough = drafts(recordings, exact)
         start = _open(exact, rough, given)
-        if start is None:
-            return report(exact, recordings, alternatives(exact, recordings))
-        stated = restricted(start, exact.model.names).evidence
-        if restricted(start, start.model.names).evidence < stated - NAMED:
+        stated = restricted(start, exact.model.names).evidence if start else np.inf
+        if not start or restricted(start, start.model.names).evidence < stated - NAMED:
             return report(exact, recordings, alternatives(exact, recordings))
         at = best_settled(start, rough)
         others = alternatives(at, rough)
