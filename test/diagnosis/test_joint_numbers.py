@@ -18,6 +18,7 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
 from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of, with_proposals
 from dlo_ros.effects import starts
 from dlo_ros.identification.offline.initial_fit import begin
+from dlo_ros.inference.plain_rod import instead_of_plain
 
 DRAG, INNER = "air_drag.coefficient", "internal_damping.relaxation_time"
 TRUE_DRAG = 0.06
@@ -135,3 +136,41 @@ def test_a_scale_of_all_forces_that_nothing_tells_is_that_of_the_guesses(draught
     assert 0.3 < outer_stds(away)[drag] / away.model.settings.damping.air_drag < 1.0
     known = weighed(away, 0.05)
     assert at_guessed_scale(known) is known
+
+
+@pytest.fixture(scope="module")
+def slowed():
+    """A fit with a drag of the square of speed to a swing that has one, and the number of that."""
+    recording, given = moving("simple", {"quadratic_drag": {"coefficient": 0.5}}, 32)
+    begun = begin([recording], given)
+    prepared = training_set(begun, 1, begun.at.model.settings, given).prepared
+    begins = instead_of_plain(prepared.setup.model, starts(prepared.scene))
+    model = next(m for start, m in begins if start.effect == "quadratic_drag")
+    at = fitted(model, prepared.recordings)
+    return at, at.model.index("effects.quadratic_drag.coefficient")
+
+
+def test_at_another_scale_of_forces_each_is_known_as_well_as_before(slowed):
+    """A linear number goes with that scale, and so do its std and the derivatives by it."""
+    at, k = slowed
+    assert not at.model.parameters[k].logarithmic
+
+    def relative(at):
+        return outer_stds(at)[k] / at.model.settings.effects["quadratic_drag"]["coefficient"]
+
+    density = at.model.index("density")
+    heavier = replace(
+        at.model.parameters[density], centre=at.model.parameters[density].centre + 1.5
+    )
+    far = replace(at, model=at.model.with_prior([heavier]))
+    here, there = at_guessed_scale(at), at_guessed_scale(far)
+    assert there.model.settings.rod.density > 2.0 * here.model.settings.rod.density
+    assert relative(here) < 1.5  # it is told, beside a linear drag that does part of its work
+    assert relative(there) == pytest.approx(relative(here), rel=0.02)
+
+
+def test_how_well_the_scale_is_known_is_told_beside_the_numbers_that_contain_it(slowed):
+    """Forces at a grip tell the scale: what else is not known of a number stays."""
+    at = at_guessed_scale(slowed[0])
+    spread = outer_stds(at)[at.model.index("density")] / at.model.settings.rod.density
+    assert fitted_material(at, None, None).scale_std == pytest.approx(spread, rel=1e-6)

@@ -69,7 +69,7 @@ class Fitted:
         settings: settings with the estimated values.
         young_modulus, density, specific_modulus: value and std (None: unbounded).
         err_train, err_holdout: time mean of eq. (10) [m]; None where it cannot be simulated.
-        scale_std: relative std of the density, and so of all forces together, unbounded or not.
+        scale_std: relative std of all forces together, which those of the effects' numbers contain.
     """
 
     settings: Settings

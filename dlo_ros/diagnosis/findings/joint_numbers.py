@@ -20,7 +20,7 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
 from dlo_ros.effects import added_to_damping, damping_effect, effects, quantities
 from dlo_ros.identification.force_scale import POWERS, with_scale
 from dlo_ros.identification.information import model_shift
-from dlo_ros.inference.joint import Evaluation
+from dlo_ros.inference.joint import Evaluation, compared
 from dlo_ros.inference.parameter import Parameter, ParametricModel, split_name
 from dlo_ros.inference.thresholds import UNBOUNDED
 from dlo_ros.inference.variances import widened_covariance
@@ -76,15 +76,8 @@ def damping_as_effects(settings: Settings, given: Settings, names: Iterable[str]
 
 
 def outer_stds(at: Evaluation, widening: Mapping[str, float] | None = None) -> FloatArray:
-    """Standard deviations of the values of all parameters, shape (P,).
-
-    Where nothing tells how large forces are, those of an effect are known as well as the guesses of
-    density and dampings are, whose tolerances are factors of two and three.
-    """
-    spread = reported_covariance(at, widening)
-    if _of_any_scale(at, spread):
-        spread = _covariance(at, np.where(_forces(at), UNKNOWN, 1.0), widening)
-    stds = np.sqrt(np.diag(spread))
+    """Standard deviations of the values of all parameters, shape (P,): `_covariance_at_scale`."""
+    stds = np.sqrt(np.diag(_covariance_at_scale(at, widening)))
     pairs = zip(at.model.parameters, stds, at.model.theta(), strict=True)
     return np.array([p.outer_std(x, s) for p, s, x in pairs])
 
@@ -102,6 +95,18 @@ def reported_covariance(at: Evaluation, widening: Mapping[str, float] | None = N
     if guessed[at.model.index("density")]:
         guessed |= _forces(at)
     return _covariance(at, np.where(guessed, UNKNOWN, 1.0), widening)
+
+
+def _covariance_at_scale(at: Evaluation, widening: Mapping[str, float] | None = None) -> FloatArray:
+    """The reported covariance, but with a scale of all forces in any case, shape (P, P).
+
+    Where nothing tells how large forces are, those of an effect are known as well as the guesses of
+    density and dampings are, whose tolerances are factors of two and three.
+    """
+    spread = reported_covariance(at, widening)
+    if not _of_any_scale(at, spread):
+        return spread
+    return _covariance(at, np.where(_forces(at), UNKNOWN, 1.0), widening)
 
 
 def _covariance(
@@ -142,7 +147,11 @@ def at_guessed_scale(at: Evaluation) -> Evaluation:
     way = _at_scale(model, 1.0).theta() - model.theta()  # of logarithms, as guesses are
     counted = guessed * model.precision() * way
     step = float(counted @ model.offset() / (counted @ way))
-    return replace(at, model=_at_scale(model, step))
+    scaled = [
+        1.0 if p.logarithmic else math.exp(step * POWERS.get(p.unit, 0.0)) for p in model.parameters
+    ]
+    fields = tuple((left, slopes / np.array(scaled)[:, None]) for left, slopes in at.fields)
+    return compared(replace(at, model=_at_scale(model, step), fields=fields), at.variances)
 
 
 def _at_scale(model: ParametricModel, log: float) -> ParametricModel:
@@ -163,6 +172,7 @@ def fitted_material(
     spread, rod = widening**2 * reported_covariance(at), at.model.settings.rod
     stiffness_error = math.hypot(float(model_shift(at.model.settings, usual=True)[0]), doubt)
     modulus, density = at.model.axis("young_modulus"), at.model.axis("density")
+    scale_std = widening * math.sqrt(float(density @ _covariance_at_scale(at) @ density))
 
     def of_data(axis: FloatArray) -> float:
         return math.sqrt(max(float(axis @ spread @ axis), 0.0))
@@ -173,7 +183,7 @@ def fitted_material(
 
     return Fitted(
         at.model.settings, known(rod.young_modulus, modulus), known(rod.density, density),
-        known(rod.specific_modulus, modulus - density), err_train, err_holdout, of_data(density),
+        known(rod.specific_modulus, modulus - density), err_train, err_holdout, scale_std,
     )  # fmt: skip
 
 
