@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.special import comb
 
+from dlo_ros.inference.forecast import Forecast
 from dlo_ros.inference.joint import Simulated
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.smooth_modes import whitening
@@ -54,26 +55,46 @@ def point_noise(observations: Sequence[Observation], basis: SplineBasis) -> floa
     return float(np.median(values)) if values else None
 
 
-def noise_floor(observations: Sequence[Observation], basis: SplineBasis) -> float | None:
+def noise_floor(
+    observations: Sequence[Observation], basis: SplineBasis, fitted: Forecast | None = None
+) -> float | None:
     """ERR of a perfect model [m]; None where the recording does not determine it.
 
     Differences in time of growing order tell it, which smooth motion enters less and less; the
     smallest counts. They are the root mean square along u, and the median over time: a moment of
-    violent motion does not count. Where a DLO swings fast for the frame rate this is an upper
-    bound. Of too few frames, or copies of one another, the points' stated std tells it.
+    violent motion does not count. Where a DLO swings fast for the frame rate that is an upper
+    bound, and what a fitted model leaves of the motion tells more. Of too few frames, or copies of
+    one another, the points' stated std tells it.
 
     The mean length of a two-dimensional normal vector is sqrt(pi) / 2 times its root mean square.
+
+    Args:
+        fitted: a model's forecast of these observations; None: there is none.
     """
-    if len(observations) >= FEWEST:
-        white = whitening(basis.control_points, basis.length)
-        shapes = np.array([white @ o.control_points[:, :3] for o in observations])
-        stamps = np.array([o.stamp - observations[0].stamp for o in observations]) * 1e-9
-        gaps = [divided_differences(shapes, stamps, order) for order in DIFFERENCE_ORDERS]
-        square = min(float(np.median(np.sum(gap**2, axis=(1, 2)))) for gap in gaps)
-        if square > 1e-18:
-            return float(np.sqrt(0.25 * np.pi * square))
+    shapes = {o.stamp: o.control_points[:, :3] for o in observations}
+    series = [shapes]
+    if fitted is not None:
+        pairs = zip(fitted.stamps, fitted.predicted, strict=True)
+        series.append({int(s): shapes[int(s)] - p[:, :3] for s, p in pairs})
+    white = whitening(basis.control_points, basis.length)
+    squares = [_typical_square(each, white) for each in series if len(each) >= FEWEST]
+    if squares and min(squares) > 1e-18:
+        return float(np.sqrt(0.25 * np.pi * min(squares)))
     sigma = point_noise(observations, basis)
     return None if sigma is None else float(np.sqrt(0.5 * np.pi) * sigma)
+
+
+def _typical_square(shapes: Mapping[int, FloatArray], white: FloatArray) -> float:
+    """Median over time of the mean square along u of differences in time [m^2].
+
+    Args:
+        shapes: control points (n, 3) by stamp [ns].
+        white: shape (n, n), see `whitening`.
+    """
+    values = np.array([white @ shape for shape in shapes.values()])
+    stamps = np.array([stamp - next(iter(shapes)) for stamp in shapes]) * 1e-9
+    gaps = [divided_differences(values, stamps, order) for order in DIFFERENCE_ORDERS]
+    return min(float(np.median(np.sum(gap**2, axis=(1, 2)))) for gap in gaps)
 
 
 def with_noise(recording: Recording, predicted: FloatArray, settings: Settings) -> Recording:

@@ -18,7 +18,8 @@ from dlo_ros.recordings import topics
 from dlo_ros.recordings.message_building import spline_message
 from dlo_ros.recordings.messages import read_command
 from dlo_ros.rod.live_simulation import LiveSimulation
-from dlo_ros.rod.motion_rehearsal import at_rest, rehearse, stamps_of, varied_by
+from dlo_ros.rod.motion_rehearsal import Rehearsal, at_rest, rehearse, stamps_of, varied_by
+from dlo_ros.rod.protocol import RodSimulation
 from dlo_ros.spline import FloatArray
 
 PERIOD = 0.02
@@ -82,17 +83,17 @@ class Rehearsing:
                 f"{topics.REHEARSAL_COMMAND} begins {ahead:.0f} s from now; at most {AHEAD:.0f} s "
                 "can be simulated until then; leave its stamp zero to begin now"
             )
-        rate = settings.simulation.rate
+        stamps = stamps_of(command, command.stamp, settings.simulation.rate)
         fork = self._simulation.rehearsing(command, varied_by(covariance))
-        if fork is None:
-            stamps = stamps_of(command, command.stamp, rate)
-            return Request(
-                lambda: at_rest(settings, command, covariance, stamps[-1]),
-                lambda simulation: rehearse(simulation, stamps, covariance),
-            )
-        # What has passed of it is over; until it begins the present command goes on.
-        stamps = stamps_of(command, max(command.stamp, fork.stamp), rate)
-        return Request(fork.prepared, lambda simulation: rehearse(simulation, stamps, covariance))
+        late = 0 if fork is None else fork.late
+
+        def simulated(simulation: RodSimulation) -> Rehearsal:
+            found = rehearse(simulation, [stamp + late for stamp in stamps], covariance)
+            return replace(found, stamps=tuple(stamps))
+
+        if fork is not None:
+            return Request(fork.prepared, simulated)
+        return Request(lambda: at_rest(settings, command, covariance, stamps[-1]), simulated)
 
     def _tick(self) -> None:
         for _ in range(min(BURST, len(self._outgoing))):

@@ -154,11 +154,14 @@ class Fork:
         simulation: simulation that follows the command under trial.
         present: the command that holds now.
         parameters: parameters whose sensitivities are wanted.
+        late: time [ns] by which the command under trial begins later than its stamp says, which has
+            passed: it is tried whole.
     """
 
     simulation: RodSimulation
     present: Command
     parameters: tuple[str, ...]
+    late: int
 
     @classmethod
     def of(
@@ -175,14 +178,10 @@ class Fork:
         present = simulation.motion.at(simulation.stamp)
         if present is None:
             raise InputError("the simulation has no command yet")
+        late = max(simulation.stamp - command.stamp, 0)
         motion = Motion(list(simulation.motion.commands))
-        motion.add(command)
-        return cls(simulation.fork(simulation.settings, motion), present, tuple(parameters))
-
-    @property
-    def stamp(self) -> int:
-        """The instant from which it goes on [ns]."""
-        return self.simulation.stamp
+        motion.add(replace(command, stamp=command.stamp + late))
+        return cls(simulation.fork(simulation.settings, motion), present, tuple(parameters), late)
 
     def prepared(self) -> RodSimulation:
         """The simulation, with its state's sensitivities to the parameters."""

@@ -62,6 +62,14 @@ def test_noise_is_found_in_the_frames(swinging):
     assert noise_floor(swinging.observations, BASIS) == pytest.approx(1.25 * sigma, rel=0.35)
 
 
+def test_a_motion_that_is_fast_for_the_frame_rate_is_no_noise(swinging):
+    rare = replace(swinging, observations=swinging.observations[::3])
+    found = identify([rare], guess(2.0))
+    own = 1.25 * 3e-4 * np.sqrt(10 / 120)
+    assert noise_floor(rare.observations, BASIS) > 10.0 * own  # as far as shapes alone tell
+    assert found.noise_floor == pytest.approx(own, rel=0.35)
+
+
 @pytest.mark.parametrize("factor", [1 / 30, 30.0])
 def test_a_motion_gives_the_ratio_from_far_off(swinging, factor):
     found = identify([swinging], guess(factor))

@@ -154,6 +154,13 @@ def test_a_motion_is_tried_while_the_simulation_runs(graph):
     graph.spin(0.3)
     assert len(shapes) == 102
 
+    # One that should have begun some time ago is tried whole, with stamps as commanded.
+    begun = time.time_ns() - 10**9
+    ask.publish(to_ros(command_message(BAG_MESSAGES, held_down(begun, (0.0, 0.2, 0.4)))))
+    graph.until(lambda: len(shapes) >= 123, what="the late motion")
+    stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in shapes[102:]]
+    assert stamps == [begun + k * 20_000_000 for k in range(21)]
+
 
 def test_forces_that_are_not_finite_are_said_and_not_sent():
     sent, said = [], []

@@ -71,7 +71,7 @@ def test_what_is_tried_is_what_then_happens(off_plane, ends):
     stamps = stamps_of(motion, motion.stamp, 50.0)
     found = rehearse(fork.prepared(), stamps, covariance)
     # The running simulation has not moved, and has the same command.
-    assert running.rehearsing(motion, ()).stamp == SECOND + SECOND // 10
+    assert running.rehearsing(motion, ()).simulation.stamp == SECOND + SECOND // 10
     assert running.motion.commands == [held]
     running.set_command(motion)
     shapes = np.array([running.advance(stamp).control_points for stamp in stamps])
@@ -79,6 +79,22 @@ def test_what_is_tried_is_what_then_happens(off_plane, ends):
     assert np.abs(found.shapes - shapes).max() < 1e-3 * LENGTH
     assert len(found.loadings) == len(stamps)
     assert (found.loadings[0].end is None) == (ends == 1)
+
+
+def test_a_motion_whose_start_has_passed_is_tried_whole():
+    first = moved(SECOND)
+    running = live(PAPER, first)
+    now = SECOND + SECOND // 4
+    running.advance(now)
+    shapes = []
+    for stamp in (now, now - SECOND // 10, SECOND // 2):
+        motion = moved(stamp, off_plane=0.3)
+        fork = running.rehearsing(motion, ())
+        assert fork.late == now - stamp
+        stamps = [s + fork.late for s in stamps_of(motion, stamp, 50.0)]
+        shapes.append(rehearse(fork.prepared(), stamps, None).shapes)
+    np.testing.assert_array_equal(shapes[1], shapes[0])
+    np.testing.assert_array_equal(shapes[2], shapes[0])
 
 
 def test_the_band_is_what_other_parameters_do():
@@ -129,11 +145,12 @@ def test_a_rehearsal_in_a_thread_leaves_the_running_simulation_as_it_is():
     motion, results = moved(SECOND + SECOND // 2, off_plane=-0.5), []
 
     def work(fork):
-        results.append(rehearse(fork.prepared(), stamps_of(motion, fork.stamp, 50.0), None))
+        stamps = stamps_of(motion, fork.simulation.stamp, 50.0)
+        results.append(rehearse(fork.prepared(), stamps, None))
 
     found, threads = [], []
     for k, stamp in enumerate(stamps):
-        if k % 10 == 0:
+        if k % 5 == 0 and k < 25:
             threads.append(threading.Thread(target=work, args=(other.rehearsing(motion, ()),)))
             threads[-1].start()
         found.append(other.advance(stamp).control_points)

@@ -11,12 +11,19 @@ from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
+from dlo_ros.command import Motion
 from dlo_ros.errors import SimulationError
+from dlo_ros.observation import Observation
 from dlo_ros.parameters import RodParameters, Settings
+from dlo_ros.rod.model_registry import simulation_of
+from dlo_ros.rod.motion_rehearsal import at_rest, slack
 from dlo_ros.rod.resolution import build, choose
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.rod.state import refined, twist_angle
 from dlo_ros.rod.statics import settle
+from dlo_ros.spline import SplineBasis
+from dlo_ros.synthesis.discrete_rod import DiscreteRod
+from dlo_ros.synthesis.rod_simulation import DiscreteRodSimulation, ImposedNodes
 
 UNREACHABLE = pytest.raises(SimulationError, match="apart")
 
@@ -244,6 +251,46 @@ def test_held_points_are_held_exactly():
     np.testing.assert_allclose(tangent, [1.0, 0.0, 0.0], atol=1e-12)
     pin = model.basis.evaluate(q, boundary.pin_abscissae)[0, :3]
     np.testing.assert_allclose(pin, [0.2, 0.0, -0.05], atol=1e-10)
+
+
+def test_a_dlo_that_hangs_from_pins_alone_is_where_a_discrete_rod_is():
+    settings = PAPER.with_material(1e7, 2500.0)
+    length, edges = settings.rod.length, 280
+    places = {edges // 7: np.zeros(2), 6 * edges // 7: np.array([0.15, 0.03])}  # Greville abscissae
+    rod = DiscreteRod.uniform(settings.rod, settings.damping, edges=edges)
+    boundary = ImposedNodes(places)
+    bow = np.column_stack([rod.u - length / 7, -0.5 * np.sin(np.pi * rod.u / length)])
+    nodes = DiscreteRodSimulation(rod, lambda _: boundary, bow).settle()
+    imposed = command(["control_point_3", "control_point_8"], [0.0], [[0, 0, 0], [0.15, 0, 0.03]])
+    shape = at_rest(settings, imposed, None).prediction().control_points
+    found = SplineBasis(10, length).evaluate(shape, rod.u)[:, [0, 2]]
+    assert np.linalg.norm(found - nodes, axis=1).max() < 2e-3 * length  # of ten control points
+
+
+@pytest.mark.parametrize("off_plane", [0.0, 0.05])
+def test_a_dlo_that_hangs_from_one_pin_has_its_weight_below_it(off_plane):
+    imposed = command(["control_point_4"], [0.0], [[0.1, off_plane, 0.2]])
+    shape = slack(PAPER, imposed)
+    shape[:, 1] += off_plane * np.linspace(-1.0, 1.0, 10)
+
+    def started(modulus):
+        settings = PAPER.with_material(modulus, 2500.0)
+        result = simulation_of(settings, Motion([imposed]), parameters=("young_modulus",), spans=14)
+        result.start([Observation(0, shape)])
+        return result
+
+    simulation, modulus, step = started(5e7), 5e7, 0.01
+    basis, q = simulation.basis, simulation.state.q
+    u, weight = basis.quadrature(6)
+    middle = weight @ basis.evaluate(q, u)[:, :3] / PAPER.rod.length
+    assert middle[:2] == pytest.approx([0.1, off_plane], abs=1e-6)
+    pin = basis.evaluate(q, np.array([2.0 / 7.0 * PAPER.rod.length]))[0, :3]
+    assert pin == pytest.approx([0.1, off_plane, 0.2], abs=1e-9)
+    above, below = (
+        started(modulus * np.exp(by)).prediction().control_points for by in (step, -step)
+    )
+    apart = (above - below)[:, :3] / (2.0 * step)
+    assert simulation.prediction().sensitivity[0] == pytest.approx(apart, abs=1e-2 * apart.max())
 
 
 def test_ends_out_of_reach_are_refused():

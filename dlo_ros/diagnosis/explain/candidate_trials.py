@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -46,8 +47,8 @@ Trial = tuple[Evaluation, Proposal]
 CHECKED = 10
 """Proposals that are simulated in a step at most, those with the largest predicted gain."""
 TRIALS = 3
-"""Proposals that are fitted: those of different effects that come nearest, and that of the largest
-predicted gain."""
+"""Effects of which proposals are fitted: those that come nearest, and that of the largest predicted
+gain; of each the start that comes nearest, and that of the largest predicted gain."""
 FIRST_ITERATIONS, FIT_ITERATIONS = 4, 12
 """Iterations of each proposal, and of the best of them."""
 
@@ -161,11 +162,22 @@ def _chosen(
     if others:
         most = max(others, key=lambda k: enough[k].gain)
         enough.insert(TRIALS - 1, enough.pop(most))
+    first = enough[:TRIALS]
+    first += [c for c in map(partial(_likeliest, enough), first) if c not in first]
     far = MUCH_LARGER * at.mean_err
-    chosen = [c for c in enough[:TRIALS] if c.err <= far]
     outcomes = [(c, "takes too little") for c in nearest if c not in enough]
-    outcomes += [(c, "others come nearer") for c in enough[TRIALS:]]
-    return chosen, outcomes + [(c, "makes matters worse") for c in enough[:TRIALS] if c.err > far]
+    outcomes += [(c, "others come nearer") for c in enough if c not in first]
+    outcomes += [(c, "makes matters worse") for c in first if c.err > far]
+    return [c for c in first if c.err <= far], outcomes
+
+
+def _likeliest(checked: Sequence[Beginning], nearest: Beginning) -> Beginning:
+    """The start of an effect with the largest predicted gain.
+
+    A softer stretch of a DLO may come nearer by the first steps than the stiffer rest beside it.
+    """
+    alike = [c for c in checked if _kind(c.predicted) == _kind(nearest.predicted)]
+    return max(alike, key=lambda c: c.gain)
 
 
 def _gain(trial: Trial, at: Evaluation) -> float:

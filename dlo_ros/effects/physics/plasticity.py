@@ -32,13 +32,14 @@ class Plasticity(Effect):
 
     yield_curvature: float = quantity(1e6, "1/m", 0.01, 1e6, "elastic curvature at the yield")
     hardening: float = quantity(
-        0.5, "", 0.0, 0.99, "tangent stiffness past the yield, of that before"
-    )
+        0.5, "", 0.0, 1.0, "tangent stiffness past the yield, of that before", search=(0.0, 0.99)
+    )  # fmt: skip
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""
-        body.yield_curvature = min(body.yield_curvature, self.yield_curvature)
-        body.hardening = self.hardening
+        if self.hardening < 1.0:
+            body.yield_curvature = min(body.yield_curvature, self.yield_curvature)
+            body.hardening = self.hardening
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:

@@ -11,7 +11,7 @@ from dlo_ros.effects.base import Body, Effect, PlainRod, Scene, Start, quantity
 
 TIMES = (0.03, 0.3, 3.0)  # [s] from which one is looked for
 TAKEN_SHARE = 0.6  # share of the stiffness with which it takes over what damping stood for
-LARGEST_SHARE = 0.9  # share that may relax: something must hold the DLO up
+LARGEST_SHARE = 0.9  # of those that are looked for: something must hold the DLO up
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,9 @@ class Viscoelasticity(Effect):
     batched: ClassVar[bool] = False
 
     share: float = quantity(
-        0.0, "", 0.0, LARGEST_SHARE, "of the bending stiffness that relaxes", natural=0.3
-    )
+        0.0, "", 0.0, 0.999, "of the bending stiffness that relaxes", natural=0.3,
+        search=(0.0, LARGEST_SHARE),
+    )  # fmt: skip
     time: float = quantity(
         1.0, "s", 1e-3, 1e4, "in which it relaxes", natural=1.0, search=(1e-2, 100.0)
     )

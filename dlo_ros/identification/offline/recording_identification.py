@@ -130,7 +130,7 @@ def identify(
             if role == "train":
                 here, spans = as_fine(here, found.recordings[k]), found.recordings[k].spans
             after, before = _attempt(recording, here, spans), _attempt(recording, given)
-            floor = noise_floor(recording.observations, basis)
+            floor = noise_floor(recording.observations, basis, after)
             results.append(RecordingResult(recording.name, role, after, before, floor))
     return Identification(estimate, tuple(results), found, forces)
 

@@ -29,7 +29,7 @@ from dlo_ros.rod.sensitivity.sensitivity_state import (
 )
 from dlo_ros.rod.sensitivity.strain_sensitivity import follow
 from dlo_ros.rod.solve import banded_factorisation, newton_iteration
-from dlo_ros.rod.solve.constraints import back_substitute, eliminate
+from dlo_ros.rod.solve.constraints import back_substitute, eliminate, stiffen
 from dlo_ros.rod.solve.equation_system import (
     ITSELF,
     frictionless,
@@ -52,6 +52,7 @@ from dlo_ros.rod.solve.integrator_state import LAST, TIME, IntegratorState, assi
 def _solve(system, band, rhs, increments, gaps):
     """Solve the tangent system for the derivatives of the shape, in place of rhs (P, n d)."""
     eliminate(band, system.fixed, rhs, increments)
+    stiffen(band, rhs, system.pins, gaps)
     diagonal = np.empty(system.fixed.size)
     banded_factorisation.factorise(band, diagonal)
     back_substitute(band, diagonal, system.pins, gaps, rhs)

@@ -48,6 +48,32 @@ def eliminate(band, fixed, rhs, increments):
 
 
 @linked()
+def stiffen(band, rhs, pins, gaps):
+    """Add springs at the pins to a matrix K, which change no solution x with pins @ x = gaps.
+
+    K of a DLO that pins alone hold is singular: it moves as a whole without them (augmented
+    Lagrangian: Bertsekas, Constrained Optimization and Lagrange Multiplier Methods, 1982).
+
+    Args:
+        band, rhs: K, lower rows (N, w + 1), and right-hand sides (P, N), changed in place.
+        pins, gaps: rows of the constraints, shape (m, N), and their values, shape (P, m).
+    """
+    size, last = band.shape[0], band.shape[1] - 1
+    spring = 0.0
+    for j in range(size if pins.shape[0] else 0):
+        spring = max(spring, abs(band[j, last]))
+    for a in range(pins.shape[0]):
+        for j in range(size):
+            by = spring * pins[a, j]
+            if by == 0.0:
+                continue
+            for k in range(max(0, j - last), j + 1):
+                band[j, last - j + k] += by * pins[a, k]
+            for p in range(rhs.shape[0]):
+                rhs[p, j] += by * gaps[p, a]
+
+
+@linked()
 def compliance(band, diagonal, pins):
     """Displacements of the pins by forces on them.
 

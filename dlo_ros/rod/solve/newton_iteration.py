@@ -26,6 +26,7 @@ from dlo_ros.rod.solve.constraints import (
     constrain,
     constrained_negative_modes,
     eliminate,
+    stiffen,
 )
 from dlo_ros.rod.solve.integrator_state import assign
 
@@ -116,6 +117,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
             for i in range(size):
                 steps[0, i] = load[i] - gradient[i]
             eliminate(work, fixed, steps, changes if first else still)
+            stiffen(work, steps, pins, lack.reshape(1, lack.size))
             negative = banded_factorisation.factorise(work, diagonal)
             y, schur = compliance(work, diagonal, pins)
             negative = constrained_negative_modes(negative, schur)
@@ -157,6 +159,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
                 assign(work, band)
                 add_scalar_band(work, mass, spin, least)
                 eliminate(work, fixed, steps, still)
+                stiffen(work, steps[:0], pins, closed.reshape(1, closed.size))
                 negative = banded_factorisation.factorise(work, diagonal)
                 negative = constrained_negative_modes(negative, compliance(work, diagonal, pins)[1])
                 if negative == 0:
@@ -273,7 +276,9 @@ def negative_modes(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
     none = np.zeros((q.shape[0], 4))
     band, _, _, _, _ = linearise(q, rule, matter, ref, none, none)
     add_scalar_band(band, mass, spin, NEUTRAL * rate2)
-    eliminate(band, fixed, np.zeros((0, q.size)), np.zeros((0, q.size)))
+    nothing = np.zeros((0, q.size))
+    eliminate(band, fixed, nothing, nothing)
+    stiffen(band, nothing, pins, nothing)
     diagonal = np.empty(q.size)
     negative = banded_factorisation.factorise(band, diagonal)
     return constrained_negative_modes(negative, compliance(band, diagonal, pins)[1])
@@ -293,6 +298,7 @@ def softest(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
         assign(work, band)
         add_scalar_band(work, mass, spin, shift)
         eliminate(work, fixed, nothing, nothing)
+        stiffen(work, nothing, pins, nothing)
         negative = banded_factorisation.factorise(work, diagonal)
         y, schur = compliance(work, diagonal, pins)
         if constrained_negative_modes(negative, schur) == 0:
