@@ -160,6 +160,17 @@ def test_trials_are_those_of_different_effects(monkeypatch):
     assert told["creep (2)"] == "others come nearer"
 
 
+def test_of_an_effect_the_likeliest_start_is_fitted_beside_the_nearest(monkeypatch):
+    """A stiffer stretch of 153, and the softer rest beside it of 120, that began nearer."""
+    fits = {"segment (2)": (83.0, 1e-3), "creep": (9.0, 1e-3), "mass (1)": (8.0, 1e-3)}
+    fits |= {"segment (1)": (330.0, 1e-3), "segment (3)": (7.0, 1e-3), "mass (2)": (6.0, 1e-3)}
+    promised = dict.fromkeys(fits, 120.0) | {"segment (1)": 153.0}
+    added, told = best_of(monkeypatch, fits, promised=promised)
+    assert added == "segment (1)"
+    assert told["segment (2)"] == "fitted, but another gains more"
+    assert told["segment (3)"] == told["mass (2)"] == "others come nearer"
+
+
 def test_a_small_gain_is_no_cause(monkeypatch):
     added, told = best_of(monkeypatch, {"mass": (2.0, 1e-3)})
     assert added is None and told == {"mass": "gains too little"}

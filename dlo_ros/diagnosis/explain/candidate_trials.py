@@ -163,7 +163,7 @@ def _chosen(
         most = max(others, key=lambda k: enough[k].gain)
         enough.insert(TRIALS - 1, enough.pop(most))
     first = enough[:TRIALS]
-    first += [c for c in map(partial(_likeliest, enough), first) if c not in first]
+    first = list(dict.fromkeys([*first, *map(partial(_likeliest, enough), first)]))
     far = MUCH_LARGER * at.mean_err
     outcomes = [(c, "takes too little") for c in nearest if c not in enough]
     outcomes += [(c, "others come nearer") for c in enough if c not in first]
