@@ -33,7 +33,7 @@ def only_err_decides(monkeypatch):
     """A single cause, certain, which neither the set-up nor a plain rod stands for."""
     monkeypatch.setattr(cause_naming, "certain", lambda *_: True)
     monkeypatch.setattr(cause_naming, "beyond", lambda *_: [])
-    monkeypatch.setattr(cause_naming, "_rivals", lambda *_: {})
+    monkeypatch.setattr(cause_naming, "_rivals", lambda *_, **__: {})
     monkeypatch.setattr(cause_naming, "strained", lambda *_: [])
     monkeypatch.setattr(cause_naming, "has_certainly_other_stiffness", lambda *_: False)
 
@@ -317,42 +317,6 @@ def test_a_set_up_is_strained_where_it_leaves_its_tolerance_without_a_cause():
     assert [g.effect for g in strained(tilted(4.0), tilted(0.5))] == ["gravity_tilt"]
     assert not strained(tilted(1.5), tilted(0.0))  # within tolerance
     assert not strained(tilted(4.0), tilted(3.0))  # so it is with the cause
-
-
-@pytest.mark.parametrize(
-    ("gains", "rivals"),
-    [
-        ((30.0, 38.0), ["constant_force"]),  # of 40; at first and in the end
-        ((30.0, 36.0), []),
-        ((28.0, 38.0), []),  # a fifth less than what it needs: it does not go on
-    ],
-)
-def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch, gains, rivals):
-    force = Start("constant_force", {"x": 0.0}, ("x",), ("x",))
-    other = Start("air_drag", {"coefficient": 0.0}, ("coefficient",), ("coefficient",))
-    offers = [
-        SimpleNamespace(proposal=proposal_of(PAPER, start), gain=predicted, model=start.effect)
-        for start, predicted in ((force, 20.0), (other, 2.0))
-    ]
-    effects = {"constant_force": {"x": 0.3}}
-
-    def gaining(gain):
-        found = evaluation(60.0 + gain, 1e-3)
-        found.model = SimpleNamespace(settings=SimpleNamespace(effects=effects))
-        return found
-
-    def fitted(model, *_, **__):
-        assert model == "constant_force"  # the other one promises far too little
-        return gaining(gains[0])
-
-    monkeypatch.setattr(cause_naming, "ranked_proposals", lambda *_: offers)
-    monkeypatch.setattr(cause_naming, "fitted", fitted)
-    monkeypatch.setattr(cause_naming, "fit", lambda *_: gaining(gains[1]))
-    tilt = SimpleNamespace(effect="gravity_tilt")
-    at, bare = evaluation(100.0, 1e-3), evaluation(60.0, 5e-3)
-    found = cause_naming._rivals(at, bare, tilt, (), object())
-    assert list(found) == rivals
-    assert not rivals or found["constant_force"] == {"x": 0.3}
 
 
 def test_what_was_measured_beforehand_stays_near_its_value():

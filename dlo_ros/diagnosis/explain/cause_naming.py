@@ -13,6 +13,7 @@ import numpy as np
 from dlo_ros.diagnosis.explain.candidate_trials import (
     FIRST_ITERATIONS,
     FIT_ITERATIONS,
+    Trial,
     fitted,
 )
 from dlo_ros.diagnosis.explain.cause_search import Search, linear_loss, takes_little, without
@@ -25,6 +26,7 @@ from dlo_ros.diagnosis.explain.certainty import (
     strained,
 )
 from dlo_ros.diagnosis.explain.contact_trials import Contact, Rivals
+from dlo_ros.diagnosis.explain.far_starts import in_its_place
 from dlo_ros.diagnosis.explain.offered_effects import Offer, offered, ranked_proposals
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Start
@@ -169,6 +171,7 @@ def _guessed_dampings(at: Evaluation) -> list[Proposal]:
 def named(
     found: Search, setup: Evaluation, bares: Bares, recordings: Sequence[Recording],
     begun: Sequence[Start], own: float, least: float, *, exact: bool = False,
+    complete: bool = True,
 ) -> tuple[tuple[Cause, ...], dict[str, float]]:  # fmt: skip
     """The causes without which the best model is clearly worse, numbers of the set-up among them,
     and the change of ln(E / mu) without each effect that was added.
@@ -192,6 +195,7 @@ def named(
         setup: the set-up without causes, fitted: a fit without one of them that explains less has
             gone astray.
         exact: whether the set-up is as precise as the data tell: then all that is certain is named.
+        complete: whether the model leaves nothing that matters.
     """
     at, offer = found.at, found.offer
     result, shifts = [], {}
@@ -215,7 +219,8 @@ def named(
             continue
         if judge.matters(group, bare):
             offer = offered(at, recordings, begun, offer)
-            result.append(_cause(group, _rivals(at, bare, group, recordings, offer), at, bare))
+            others = _rivals(at, bare, group, recordings, begun, offer, complete=complete)
+            result.append(_cause(group, others, at, bare))
         elif twins := strained(bare, at):
             values = bare.model.settings.effects
             both = tuple(p for g in (group, *twins) for p in g.parameters)
@@ -313,12 +318,25 @@ def _merged(causes: Sequence[Cause]) -> tuple[Cause, ...]:
 
 def _rivals(
     at: Evaluation, bare: Evaluation, group: Proposal, recordings: Sequence[Recording],
-    offer: Offer,
+    begun: Sequence[Start], offer: Offer, *, complete: bool,
 ) -> dict[str, Block]:  # fmt: skip
-    """Effects that explain the data as well where a group is at neutral, with their values."""
+    """Effects that explain the data as well where a group is at neutral, with their values.
+
+    While other causes are missing, evidence tells two of them apart no better than `CLEARLY_LESS`.
+    """
     loss = _loss_without(at, bare)
-    missing = loss - max(WORTH, SAME_GAIN * loss)
+    missing = loss - max(WORTH, SAME_GAIN * loss) if complete else CLEARLY_LESS * loss
     result: dict[str, Block] = {}
+
+    def taken(trial: Trial) -> None:
+        there, proposal = trial
+        if _loss_without(there, bare) >= missing:
+            values = there.model.settings.effects.get(proposal.effect, {})
+            fitted_ = {split_name(p.name)[1] for p in proposal.parameters if p.effect}
+            result[proposal.effect] = {key: v for key, v in values.items() if key in fitted_}
+
+    for trial in in_its_place((at, group), recordings, begun):
+        taken(trial)
     fits = 0
     for predicted in ranked_proposals(bare, offer):
         effect = predicted.proposal.effect
@@ -329,9 +347,5 @@ def _rivals(
         fits += 1
         there = fitted(predicted.model, recordings, FIRST_ITERATIONS, draft=True)
         if there and _loss_without(there, bare) >= CLEARLY_LESS * missing:  # it has only begun
-            there = fit(there, recordings, FIT_ITERATIONS)
-        if there and _loss_without(there, bare) >= missing:
-            values = there.model.settings.effects.get(effect, {})
-            fitted_ = {split_name(p.name)[1] for p in predicted.proposal.parameters if p.effect}
-            result[effect] = {key: v for key, v in values.items() if key in fitted_}
+            taken((fit(there, recordings, FIT_ITERATIONS), predicted.proposal))
     return result

@@ -24,7 +24,7 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     fitted,
 )
 from dlo_ros.diagnosis.explain.certainty import far_off, tolerances_off
-from dlo_ros.diagnosis.explain.far_starts import best_far_start
+from dlo_ros.diagnosis.explain.far_starts import best_far_start, with_best_in_place
 from dlo_ros.diagnosis.explain.measurement_error import own_err
 from dlo_ros.diagnosis.explain.offered_effects import Offer, offered, ranked_proposals
 from dlo_ros.diagnosis.proposals.linear_evidence import (
@@ -139,6 +139,8 @@ def search(
         if found is None:
             break
         at, causes = found[0], [*causes, found[1]]
+        if number > 1:
+            at, causes = with_best_in_place(at, causes, recordings, begun)
         for cause in reversed(causes):
             if linear_loss(at, cause) > INDISPENSABLE:
                 continue

@@ -45,7 +45,24 @@ def best_far_start(
     best = best_gain([trial for trial in found if trial is not None], at, recordings)
     if best is None:
         return None
-    return best_gain(in_its_place(best, recordings, afar), best[0], recordings) or best
+    return best_gain(in_its_place(best, recordings, begun), best[0], recordings) or best
+
+
+def with_best_in_place(
+    at: Evaluation, causes: Sequence[Proposal], recordings: Sequence[Recording],
+    begun: Sequence[Start],
+) -> tuple[Evaluation, list[Proposal]]:  # fmt: skip
+    """A model and its causes, with another effect in the place of one where that explains more.
+
+    While other causes were missing, the wrong one of both may have explained more.
+    """
+    result = list(causes)
+    for k, cause in enumerate(causes):
+        better = best_gain(in_its_place((at, cause), recordings, begun), at, recordings)
+        if better is not None:
+            at, result[k] = better
+            LOG.info("%s, instead of %s", result[k].label, cause.label)
+    return at, result
 
 
 def _nearer_with(
@@ -74,21 +91,27 @@ def _nearer_with(
 
 
 def in_its_place(
-    trial: Trial, recordings: Sequence[Recording], afar: Sequence[Start]
+    trial: Trial, recordings: Sequence[Recording], begun: Sequence[Start]
 ) -> list[Trial]:
-    """Fits of other effects, as large, in the place of one that began far away.
+    """Fits of other effects, as large, in the place of one that may begin far away.
 
     A plug does nearly what a mass does, and E and damping are near its own beside the mass.
+
+    Args:
+        begun: effects that might be added; those that begin far away are tried.
     """
     at, proposal = trial
+    afar = [s for s in begun if s.afar]
+    if all(s.effect != proposal.effect for s in afar):
+        return []
     size = at.model.settings.effects[proposal.effect]
     bare = at.model.without([p.name for p in proposal.parameters])
-    begun: list[Start] = []
+    others: list[Start] = []
     for start in (s for s in afar if s.effect != proposal.effect):
         block = {key: size.get(key, value) for key, value in start.block.items()}
-        if all(block != other.block for other in begun):
-            begun.append(replace(start, block=block))
-    proposals = [proposal_of(bare.settings, start) for start in begun]
+        if all(block != other.block for other in others):
+            others.append(replace(start, block=block))
+    proposals = [proposal_of(bare.settings, start) for start in others]
     found = [_settled(with_proposals(bare, [p])[0], p, recordings) for p in proposals]
     return [other for other in found if other is not None]
 

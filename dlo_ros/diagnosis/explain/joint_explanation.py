@@ -22,11 +22,7 @@ from dlo_ros.diagnosis.explain.cause_naming import (
     without_dampings,
     without_needless,
 )
-from dlo_ros.diagnosis.explain.cause_search import (
-    Search,
-    search,
-    without,
-)
+from dlo_ros.diagnosis.explain.cause_search import Search, search, without
 from dlo_ros.diagnosis.explain.certainty import (
     SCALES,
     beyond,
@@ -241,8 +237,10 @@ def _concluded(
     least = _nameable_err(found, setup, prepared, own)
 
     def naming() -> tuple[tuple[Cause, ...], Mapping[str, float]]:
-        causes, shifts = named(found, setup, bares, recordings, begun, own, least, exact=exact)
         whole = near.mean_err < material
+        causes, shifts = named(
+            found, setup, bares, recordings, begun, own, least, exact=exact, complete=whole
+        )
         causes = beside_contact(causes, contact, complete=whole)
         if not whole:
             causes = _no_stand_ins(causes, replace(found, at=near), prepared)

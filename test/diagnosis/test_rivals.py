@@ -1,0 +1,70 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Rivals of a cause: what explains the data as well in its place."""
+
+from types import SimpleNamespace
+
+import pytest
+from rods import PAPER
+
+from dlo_ros.diagnosis.explain import cause_naming
+from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of
+from dlo_ros.effects import Start
+
+
+def evaluation(evidence, effects=None):
+    """A fit, of a model with effects."""
+    settings = SimpleNamespace(effects=effects or {})
+    posterior = SimpleNamespace(evidence=evidence)
+    return SimpleNamespace(posterior=posterior, model=SimpleNamespace(settings=settings))
+
+
+@pytest.mark.parametrize(
+    ("gains", "rivals"),
+    [
+        ((30.0, 38.0), ["constant_force"]),  # of 40; at first and in the end
+        ((30.0, 36.0), []),
+        ((28.0, 38.0), []),  # a fifth less than what it needs: it does not go on
+    ],
+)
+def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch, gains, rivals):
+    force = Start("constant_force", {"x": 0.0}, ("x",), ("x",))
+    other = Start("air_drag", {"coefficient": 0.0}, ("coefficient",), ("coefficient",))
+    offers = [
+        SimpleNamespace(proposal=proposal_of(PAPER, start), gain=predicted, model=start.effect)
+        for start, predicted in ((force, 20.0), (other, 2.0))
+    ]
+
+    def gaining(gain):
+        return evaluation(60.0 + gain, {"constant_force": {"x": 0.3}})
+
+    def fitted(model, *_, **__):
+        assert model == "constant_force"  # the other one promises far too little
+        return gaining(gains[0])
+
+    monkeypatch.setattr(cause_naming, "in_its_place", lambda *_: [])
+    monkeypatch.setattr(cause_naming, "ranked_proposals", lambda *_: offers)
+    monkeypatch.setattr(cause_naming, "fitted", fitted)
+    monkeypatch.setattr(cause_naming, "fit", lambda *_: gaining(gains[1]))
+    tilt = SimpleNamespace(effect="gravity_tilt")
+    at, bare = evaluation(100.0), evaluation(60.0)
+    found = cause_naming._rivals(at, bare, tilt, (), (), object(), complete=True)
+    assert list(found) == rivals
+    assert not rivals or found["constant_force"] == {"x": 0.3}
+
+
+@pytest.mark.parametrize(("complete", "gain", "rivals"), [
+    (True, 38.0, ["connector"]), (True, 34.0, []), (False, 34.0, ["connector"]), (False, 31.0, []),
+])  # fmt: skip
+def test_beside_a_missing_cause_a_plug_as_heavy_is_a_rival_of_a_mass(
+    monkeypatch, complete, gain, rivals
+):
+    """Evidence tells two apart no better than four fifths there."""
+    plug = evaluation(60.0 + gain, {"connector": {"mass": 0.01}})
+    parameter = SimpleNamespace(effect="connector", name="effects.connector.mass")
+    proposal = SimpleNamespace(effect="connector", parameters=(parameter,))
+    monkeypatch.setattr(cause_naming, "in_its_place", lambda *_: [(plug, proposal)])
+    monkeypatch.setattr(cause_naming, "ranked_proposals", lambda *_: [])
+    at, bare = evaluation(100.0), evaluation(60.0)
+    mass = SimpleNamespace(effect="point_mass")
+    found = cause_naming._rivals(at, bare, mass, (), (), object(), complete=complete)
+    assert found == {name: {"mass": 0.01} for name in rivals}
