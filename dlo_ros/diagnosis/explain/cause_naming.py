@@ -149,9 +149,10 @@ def without_needless(
         if of_set_up and group not in causes:  # a damping that has its guess again
             continue
         bare = without(at, group, recordings, wholly=not of_set_up)
-        needed = bare is None or _needed(at, bare, group, begun)
         if bare is None or (
-            needed and (complete or not takes_little((at, group), bare, recordings))
+            _needed(at, bare, group, begun)
+            if complete
+            else not takes_little((at, group), bare, recordings)
         ):
             if not of_set_up:
                 bares[group.label] = bare
