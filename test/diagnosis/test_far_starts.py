@@ -2,18 +2,22 @@
 """A weight that outweighs the cable, whose stiffness is guessed five times too small."""
 
 import copy
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rods import PAPER
 
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis.explain.far_starts import best_far_start, in_its_place
 from dlo_ros.diagnosis.explain.joint_explanation import prepare
-from dlo_ros.effects import starts
+from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of, with_proposals
+from dlo_ros.effects import Start, starts
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import WHITE, misfit
+from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.parameters import Settings
 from dlo_ros.synthesis.experiment import read_experiment
 from dlo_ros.synthesis.synthesize import synthesize
@@ -108,6 +112,16 @@ def test_what_a_mass_does_a_plug_as_heavy_does_too(turning):
     others = in_its_place(trial, turning.recordings, afar)
     assert {proposal.effect for _, proposal in others} == {"connector"}
     assert min(at.mean_err for at, _ in others) < 0.3 * turning.setup.mean_err
+
+
+def test_nothing_takes_the_place_of_a_mass_beside_which_a_plug_is_known():
+    blocks = {
+        "point_mass": {"mass": 0.01, "position": 0.2}, "connector": {"mass": 0.02, "extent": 0.04}
+    }  # fmt: skip
+    heavy = [Start(name, dict(b), (), tuple(b), neutral=False) for name, b in blocks.items()]
+    proposals = [proposal_of(PAPER, start) for start in heavy]
+    both = with_proposals(ParametricModel(PAPER, ()), proposals)[0]
+    assert in_its_place((SimpleNamespace(model=both), proposals[0]), (), heavy) == []
 
 
 def test_a_fit_with_correlated_errors_does_not_leave_the_shapes(turning):

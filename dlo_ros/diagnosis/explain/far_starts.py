@@ -12,7 +12,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dlo_ros.diagnosis.explain.candidate_trials import Trial, best_gain
-from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_proposals
+from dlo_ros.diagnosis.proposals.linear_evidence import (
+    Proposal,
+    is_present,
+    proposal_of,
+    with_proposals,
+)
 from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, evaluate, simulate
@@ -107,7 +112,7 @@ def in_its_place(
     size = at.model.settings.effects[proposal.effect]
     bare = at.model.without([p.name for p in proposal.parameters])
     others: list[Start] = []
-    for start in (s for s in afar if s.effect != proposal.effect):
+    for start in (s for s in afar if s.effect != proposal.effect and not is_present(bare, s)):
         block = {key: size.get(key, value) for key, value in start.block.items()}
         if all(block != other.block for other in others):
             others.append(replace(start, block=block))
