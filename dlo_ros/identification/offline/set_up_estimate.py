@@ -212,4 +212,5 @@ def mixed(
     covariance = (1.0 - probability) * np.diag(1.0 / values)
     covariance += probability * (np.linalg.inv(theirs) + np.outer(off, off))
     back = basis / scale[:, None]
-    return np.asarray(back @ np.linalg.inv(covariance) @ back.T)
+    # What is hardly known is no exact direction: without it, what remains would be known less.
+    return np.asarray(likelier + back @ (np.linalg.inv(covariance) - np.diag(values)) @ back.T)
