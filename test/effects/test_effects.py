@@ -10,8 +10,6 @@ from rods import PAPER, SECOND, command, dense_stiffness, held_start, settled, s
 from scipy.integrate import solve_bvp
 from scipy.linalg import eigh
 
-from dlo_ros.effects.registry import check
-from dlo_ros.errors import ParameterError
 from dlo_ros.rod.resolution import build as build_rod
 from dlo_ros.rod.state import rest_state
 from dlo_ros.rod.statics import settle
@@ -298,20 +296,6 @@ def test_a_longer_rod_is_the_elastica_of_its_true_length():
     shape, _ = cantilever(PAPER, length_error={"difference": more})
     true = elastica(linear, load, length=length)
     assert np.abs(shape(U) - true(U * length / ROD.length)).max() < 2e-4 * length
-
-
-def test_a_dlo_that_hardens_as_stiff_as_before_its_yield_is_elastic():
-    hard, _ = cantilever(PAPER, plasticity={"yield_curvature": 0.5, "hardening": 1.0})
-    soft, _ = cantilever(PAPER, plasticity={"yield_curvature": 0.5, "hardening": 0.5})
-    plain, _ = cantilever(PAPER)
-    np.testing.assert_array_equal(hard(U), plain(U))
-    assert np.abs(soft(U) - plain(U)).max() > 1e-3 * ROD.length
-
-
-def test_something_of_a_creeping_dlo_must_hold_it_up():
-    assert check("viscoelasticity", "share", 0.999) == 0.999
-    with pytest.raises(ParameterError, match=r"share is 1.0; it must be a number from 0 to 0.999"):
-        check("viscoelasticity", "share", 1.0)
 
 
 def test_plastic_bending_leaves_the_curvature_past_the_yield():
