@@ -6,7 +6,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -163,7 +162,7 @@ def _chosen(
         most = max(others, key=lambda k: enough[k].gain)
         enough.insert(TRIALS - 1, enough.pop(most))
     first = enough[:TRIALS]
-    first = list(dict.fromkeys([*first, *map(partial(_likeliest, enough), first)]))
+    first = list(dict.fromkeys([*first, *(_likeliest(enough, c) for c in first)]))
     far = MUCH_LARGER * at.mean_err
     outcomes = [(c, "takes too little") for c in nearest if c not in enough]
     outcomes += [(c, "others come nearer") for c in enough if c not in first]

@@ -212,5 +212,6 @@ def mixed(
     covariance = (1.0 - probability) * np.diag(1.0 / values)
     covariance += probability * (np.linalg.inv(theirs) + np.outer(off, off))
     back = basis / scale[:, None]
-    # What is hardly known is no exact direction: without it, what remains would be known less.
+    # A direction with hardly any information is no exact one: without its share, the std along
+    # the others would be too large.
     return np.asarray(likelier + back @ (np.linalg.inv(covariance) - np.diag(values)) @ back.T)
