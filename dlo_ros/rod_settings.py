@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from dlo_ros.effects import Body, RopeScale, Values, build
+from dlo_ros.effects import Body, RopeScale, Values, build, effects
 from dlo_ros.effects.base import PREFIX
 from dlo_ros.parameter_cameras import Vector
 from dlo_ros.spline import SplineBasis
@@ -131,6 +131,17 @@ class RodSettings:
         """Whether a grip slips (maybe by nothing), so that the path of the motion counts."""
         basis = SplineBasis(self.rod.control_points, self.rod.length)
         return bool(self.effects) and self.body(basis).slip is not None
+
+    @property
+    def batched(self) -> bool:
+        """Whether parameter sets may be simulated together, see `Effect`."""
+        return all(effects()[name].batched for name in self.effects)
+
+    @cached_property
+    def gives(self) -> bool:
+        """Whether a grip gives (maybe by nothing), so that the DLO bends sharply beside it."""
+        basis = SplineBasis(self.rod.control_points, self.rod.length)
+        return bool(self.effects) and self.body(basis).grip_compliance is not None
 
     def body(self, basis: SplineBasis, section: Vector = (1.0, 1.0, 1.0)) -> Body:
         """Material, mass and loads of the DLO, effects included, in a spline basis.

@@ -36,6 +36,7 @@ class SplineBasis:
     Args:
         control_points: number n of control points, at least 4.
         length: L [m], positive and finite.
+        halvings: how often the knot span at either end is halved, each time the part at the end.
 
     Raises:
         InputError: fewer than four control points or a length that is not positive.
@@ -43,6 +44,7 @@ class SplineBasis:
 
     control_points: int
     length: float
+    halvings: int = 0
 
     def __post_init__(self) -> None:
         if self.control_points < ORDER:
@@ -58,15 +60,40 @@ class SplineBasis:
         return self.control_points - DEGREE
 
     @property
+    def even_spans(self) -> int:
+        """Number of knot spans before those at the ends are halved."""
+        return self.spans - 2 * self.halvings
+
+    @property
     def span_length(self) -> float:
-        """Length of one knot span [m]."""
-        return self.length / self.spans
+        """Length of one knot span that is not halved [m]."""
+        return self.length / self.even_spans
+
+    @cached_property
+    def breaks(self) -> FloatArray:
+        """Ends of the knot spans, shape (spans + 1,) [m]."""
+        even = np.linspace(0.0, self.length, self.even_spans + 1)
+        parts = even[1] * 0.5 ** np.arange(self.halvings, 0, -1)
+        return np.concatenate([even[:1], parts, even[1:-1], self.length - parts[::-1], even[-1:]])
+
+    @cached_property
+    def _widths(self) -> FloatArray:
+        """Lengths of the knot spans, shape (spans,) [m]."""
+        result, many = np.full(self.spans, self.span_length), self.halvings
+        if many:
+            parts = 0.5 ** np.concatenate([[many], np.arange(many, 0, -1)])
+            result[: many + 1] *= parts
+            result[-many - 1 :] *= parts[::-1]
+        return result
 
     @cached_property
     def knots(self) -> FloatArray:
         """Knot vector, shape (n + 4,) [m]."""
-        breaks = np.linspace(0.0, self.length, self.spans + 1)
-        return np.concatenate([np.zeros(DEGREE), breaks, np.full(DEGREE, self.length)])
+        return np.concatenate([np.zeros(DEGREE), self.breaks, np.full(DEGREE, self.length)])
+
+    def span_of(self, u: ArrayLike) -> NDArray[np.int64]:
+        """Number of the knot span in which each u [m] lies."""
+        return np.clip(np.searchsorted(self.breaks, u, side="right") - 1, 0, self.spans - 1)
 
     @cached_property
     def greville(self) -> FloatArray:
@@ -130,9 +157,8 @@ class SplineBasis:
             Abscissae u [m] and weights [m], each of shape (spans * points,), read-only.
         """
         x, w = _gauss(points)
-        h = self.span_length
-        left = np.arange(self.spans)[:, None] * h
-        u, weight = (left + 0.5 * h * (x + 1.0)).ravel(), np.tile(0.5 * h * w, self.spans)
+        left, h = self.breaks[:-1, None], self._widths[:, None]
+        u, weight = (left + 0.5 * h * (x + 1.0)).ravel(), (0.5 * h * w).ravel()
         u.flags.writeable = weight.flags.writeable = False
         return u, weight
 
@@ -159,7 +185,9 @@ class SplineBasis:
         Returns:
             Matrix of shape (n, source.control_points).
         """
-        u, w = SplineBasis(max(self.spans, source.spans) * 2 + DEGREE, self.length).quadrature()
+        halvings = max(self.halvings, source.halvings)
+        spans = 2 * max(self.even_spans, source.even_spans) + 2 * halvings
+        u, w = SplineBasis(spans + DEGREE, self.length, halvings).quadrature()
         b, s = self.matrix(u), source.matrix(u)
         n = self.control_points
         result = np.zeros((n, source.control_points))

@@ -24,8 +24,6 @@ __all__ = [
 
 PREFIX = "effects."  # of the names of their parameters
 SHORTEST = 0.1  # of the configured length that effects may leave
-BESIDE = 2  # knot spans beside an end that make up for where a grip's compliance is put
-MOST_TAKEN = 0.9  # of their own compliance
 LOCAL = 0.2  # of the length: extent from which one is looked for
 Part = Literal["rod", "command", "measurement"]
 ROD: Part = "rod"
@@ -76,7 +74,7 @@ class Body:
         masses: masses fixed to the DLO, each as mass [kg] and place u [m].
         kinks: kinks in the board's plane, each as angle [rad] and place u [m].
         grip_compliance: compliance of the grips at start and end against the DLO's moment [rad/(N
-            m)].
+            m)]; None: no grip may give.
         half_curvature: curvature at which the tangent bending stiffness has halved [1/m].
         yield_curvature: elastic curvature past which bending yields [1/m].
         hardening: tangent bending stiffness past the yield over that before it, 0 to 1.
@@ -92,6 +90,7 @@ class Body:
         slip: free length gained through a grip during the motion [m]; None: no grip slips.
         slip_step: time at which it begins to be gained, from the first frame, and the time that
             takes [s]; None: it is gained evenly.
+        hinged: whether a point bends as a grip does that gives, which is linear, shape (nb,).
     """
 
     basis: SplineBasis
@@ -108,7 +107,7 @@ class Body:
     force: FloatArray = field(default_factory=lambda: np.zeros(3))
     masses: list[tuple[float, float]] = field(default_factory=list)
     kinks: list[tuple[float, float]] = field(default_factory=list)
-    grip_compliance: tuple[float, float] = (0.0, 0.0)
+    grip_compliance: tuple[float, float] | None = None
     half_curvature: float = math.inf
     yield_curvature: float = math.inf
     hardening: float = 0.0
@@ -122,6 +121,7 @@ class Body:
     lengthening: float = 1.0
     slip: float | None = None
     slip_step: tuple[float, float] | None = None
+    hinged: bool | np.ndarray = False
 
     def check(self) -> None:
         """Refuse a rod that effects have made impossible.
@@ -194,24 +194,21 @@ class Body:
         return np.maximum(1.0 - away, 0.0)
 
     def give_at_grips(self) -> None:
-        """Add the compliance of the grips to that of bending beside them.
+        """Add the compliance of the grips to that of bending in the first knot span beside them.
 
-        A hinge of compliance c at an end is a compliance c w(u) per length with integral 1 of w.
-        Its first moment should vanish, too, or the DLO would turn about a point beside the end. So
-        w falls from the end over a knot span h and is a little negative in the next m = `BESIDE`,
-        w = (2 (1 + m s b) hat_0 - s b (hat_1 + ... + hat_m)) / h with b = 2 / (m (3 m + 1)). The
-        moment is (1 - s) h / 3; s is 1 unless that would leave hardly any compliance there.
+        A hinge of compliance c at an end is a compliance c w(u) per length with integral 1 of w,
+        which falls from the end over a knot span h. The DLO turns about a point that is h / 3 from
+        the end; spans there are short, see `SplineBasis.halvings`.
         """
-        h, least = self.basis.span_length, 2.0 / (BESIDE * (3 * BESIDE + 1))
-        for end, compliance in zip((0.0, self.basis.length), self.grip_compliance, strict=True):
+        h = self.basis.breaks[1]
+        ends, compliances = (0.0, self.basis.length), self.grip_compliance or (0.0, 0.0)
+        for end, compliance in zip(ends, compliances, strict=True):
             if compliance == 0.0:
                 continue
             turn = compliance / self.lengthening  # curvature counts per true length
-            beside = sum(self.hat(abs(end - k * h)) for k in range(1, BESIDE + 1))
-            taken = least * turn * float(self.bend[beside > 0.0].max()) / h  # of the compliance
-            less = least / (1.0 + (taken / MOST_TAKEN) ** 4) ** 0.25
-            share = (2.0 * (1.0 + BESIDE * less) * self.hat(end) - less * beside) / h
+            share = 2.0 / h * np.maximum(1.0 - np.abs(self.points - end) / h, 0.0)
             self.bend /= 1.0 + turn * share[:, None] * self.bend
+            self.hinged |= share > 0.0
 
     def coverage(self, start: float, stop: float) -> FloatArray:
         """Share in [start, stop] at the quadrature points, shape (nb,).

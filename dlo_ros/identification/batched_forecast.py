@@ -101,7 +101,7 @@ def _together(
                 shapes[k],
                 None,
                 first.published,
-                first.basis.spans,
+                first.basis.even_spans,
                 error,
                 stable=batch.stable[k],
                 unit=unit_of(manipulation),

@@ -133,7 +133,7 @@ def forecast(
         np.array([p.control_points for p in predictions]),
         np.array(changes) if changes else None,
         simulation.published,
-        simulation.basis.spans,
+        simulation.basis.even_spans,
         judged.error if judged else np.nan,
         stable=simulation.stable,
         unit=unit_of(manipulation),

@@ -233,8 +233,8 @@ def _rates(system: System, step: FloatArray) -> Rates:
     return Rates(
         Stiffness(*(rate(x) for x in system.stiffness)), rate(system.mass), rate(system.spin),
         rate(system.drag), rate(system.load), rate(system.relaxation_time),
-        ConstitutiveLaw._make(map(rate, system.law)), rate(around.friction), rate(around.brake),
-        _body_changes(around, len(step)),
+        ConstitutiveLaw._make(rate(np.asarray(x)) for x in system.law), rate(around.friction),
+        rate(around.brake), _body_changes(around, len(step)),
     )  # fmt: skip
 
 

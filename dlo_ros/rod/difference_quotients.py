@@ -78,7 +78,7 @@ class DifferenceQuotients(RodSimulation):
         yield from self._middle.starting(observations, last_stamp)
         sides = []
         for settings in variants(self.settings, self.parameters):
-            side = self._kind(settings, self.motion, spans=self._middle.basis.spans)
+            side = self._kind(settings, self.motion, spans=self._middle.basis.even_spans)
             yield from side.starting(observations, last_stamp)
             sides.append(side)
         self._sides = sides

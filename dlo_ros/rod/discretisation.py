@@ -58,8 +58,7 @@ class Discretisation:
     ) -> tuple[NDArray[np.int64], FloatArray]:
         """Knot span of each u and the four basis functions (or derivatives) that live there."""
         full = self.basis.matrix(u, derivative)
-        span = np.minimum((u / self.basis.span_length).astype(np.int64), self.basis.spans - 1)
-        rows = np.arange(len(u))[:, None]
+        span, rows = self.basis.span_of(u), np.arange(len(u))[:, None]
         return span, np.ascontiguousarray(full[rows, span[:, None] + np.arange(4)])
 
     @cached_property

@@ -81,7 +81,7 @@ def integrate(
     length = model.basis.length
     allowed = model.settings.simulation.tolerance * length
     tolerance = STEP_SHARE * allowed
-    newton = NEWTON_SHARE * tolerance / length
+    newton = NEWTON_SHARE * tolerance / length * 0.5**model.basis.halvings
     corners = true.corners(allowed, length)
     if stepwise:
         corners = np.union1d(corners, times)

@@ -121,9 +121,10 @@ class RodModel:
         share = min(max(body.hardening, 0.0), 0.999)
         relaxing, lasting = body.relaxing or (0.0, 1.0)
         slide, turn = body.inner_friction or (0.0, np.inf)
+        never = np.where(body.hinged, np.inf, np.ones(len(self.points)))
         return ConstitutiveLaw(
-            active, body.half_curvature, body.yield_curvature, share / (1.0 - share), relaxing,
-            lasting, slide * body.lengthening, turn,
+            active, body.half_curvature * never, body.yield_curvature * never,
+            share / (1.0 - share), relaxing, lasting, slide * body.lengthening, turn * never,
         )  # fmt: skip
 
     @cached_property

@@ -184,7 +184,9 @@ def _no_rates(n: int, nb: int, d: int, count: int) -> Rates:
         return np.zeros((count, *shape))
 
     stiffness = Stiffness(zeros(nb), zeros(nb), zeros(nb, 3), zeros(nb, 2), zeros(nb), zeros(nb))
-    law = ConstitutiveLaw._make(zeros() for _ in ConstitutiveLaw._fields)
+    law = ConstitutiveLaw._make(
+        (zeros(), zeros(nb), zeros(nb), zeros(), zeros(), zeros(), zeros(), zeros(nb))
+    )
     return Rates(
         stiffness, zeros(n, 4), zeros(n, 4), zeros(n, 4), zeros(n, d), zeros(), law, zeros(),
         zeros(), zeros(),

@@ -29,6 +29,7 @@ LOG = logging.getLogger(__name__)
 
 LARGEST = 300  # knot spans
 RECHECK_RATIO = 1.5  # change of E/mu after which the resolution is judged anew
+SHARP = 800  # knot spans at the ends are halved to at most L over this, where a grip gives
 PROBES = 8  # instants of a motion at which the error is estimated
 
 
@@ -37,7 +38,7 @@ class Resolution:
     """A number of knot spans and the shape error that it has.
 
     Args:
-        spans: knot spans of the simulation's basis.
+        spans: knot spans of the simulation's basis, before those at the ends are halved.
         error: mean distance to the solution with twice the spans, over L, at the worst instant.
     """
 
@@ -46,9 +47,12 @@ class Resolution:
 
 
 def build(settings: RodSettings, command: Command, spans: int) -> tuple[RodModel, Boundary]:
-    """Model and boundary conditions with the given number of knot spans."""
-    rod = settings.rod
-    basis = SplineBasis(spans + DEGREE, rod.length)
+    """Model and boundary conditions with the given number of knot spans, before some are halved."""
+    rod, halvings = settings.rod, 0
+    if settings.gives:
+        spans = max(spans, 2)
+        halvings = max(int(np.ceil(np.log2(SHARP / spans))), 1)
+    basis = SplineBasis(spans + 2 * halvings + DEGREE, rod.length, halvings)
     boundary = boundary_of(command.names, basis, SplineBasis(rod.control_points, rod.length))
     model = RodModel(settings, basis, not boundary.clamped_start, not boundary.clamped_end)
     return model, boundary

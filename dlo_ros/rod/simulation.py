@@ -13,7 +13,6 @@ from typing import ClassVar
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
-from dlo_ros.effects import effects
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.rod import dynamics, resolution
@@ -31,7 +30,7 @@ from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.prediction import Prediction
 from dlo_ros.rod.protocol import RodSimulation, instability
 from dlo_ros.rod.sensitivity_parameters import variation_of
-from dlo_ros.rod.simulation_batch import SimulationBatch, StartedSet, started_set
+from dlo_ros.rod.simulation_batch import SimulationBatch, StartedSet
 from dlo_ros.rod.state import State, refined, strains_of, twist_along, twist_angle, with_history
 from dlo_ros.rod.statics import reachable_through, settle
 from dlo_ros.rod_settings import RodSettings
@@ -172,8 +171,7 @@ class Simulation(RodSimulation):
                 state = settle(
                     self.model, self.boundary, state, present, state.stamp, parameters=names
                 ).state
-        twin.state = state
-        twin._timeline = self._timeline.another()
+        twin.state, twin._timeline = state, self._timeline.another()
         return twin
 
     def batching(
@@ -186,19 +184,14 @@ class Simulation(RodSimulation):
         command = self.motion.at(begin)
         assert command is not None  # it has started
         model, boundary = self.model, self.boundary
-        alone = not all(effects()[name].batched for one in sets for name in one.effects)
-        if alone or not dynamics.in_lanes(model, boundary):
+        halved = model.basis.halvings > 0
+        alike = all(one.batched and (halved or not one.gives) for one in sets)
+        if not (alike and dynamics.in_lanes(model, boundary)):
             return None
         if not in_plane(model, state, true_command(model, command)):
             return None
-        started, failures = {0: StartedSet(model, state, self.stable)}, {}
-        for k, settings in enumerate(sets[1:], start=1):
-            yield
-            try:
-                started[k] = started_set(model.with_settings(settings), boundary, state, command)
-            except SimulationError as err:
-                failures[k] = str(err)
-        return SimulationBatch(started, failures, boundary, command, self.published)
+        first = StartedSet(model, state, self.stable)
+        return (yield from SimulationBatch.starting(first, sets[1:], boundary, command))
 
     def _insensitive(self, state: State) -> State:
         """The state with zero sensitivities: it does not depend on the parameters."""
@@ -355,6 +348,9 @@ class Simulation(RodSimulation):
         self._measurement = MeasurementMap(settings, self.parameters)
         if self.state is None:
             return
+        if settings.gives and not self.model.basis.halvings:
+            with suppress(SimulationError):  # a DLO that is folded keeps its knot spans
+                self._refine(self.model.basis.even_spans)
         before, self.model = self.model, self.model.with_settings(settings)
         if self.model.remembers != before.remembers:
             self.state = self._insensitive(with_history(self.state, self.model))
@@ -372,13 +368,18 @@ class Simulation(RodSimulation):
         shape = self.prediction().control_points
         try:
             found = resolution.choose(settings, command, shape, [int(s) for s in stamps])
-            if found.spans > self.model.basis.spans:
-                finer, boundary = resolution.build(settings, command, found.spans)
-                self.state = self._insensitive(refined(self.state, self.model, finer))
-                self.model, self.boundary = finer, boundary
+            if found.spans > self.model.basis.even_spans:
+                self._refine(found.spans)
                 self._spans, self.resolution = found.spans, found
         except SimulationError as err:
             LOG.warning("the resolution could not be judged anew: %s", err)
+
+    def _refine(self, spans: int) -> None:
+        """Go on with the basis that the present parameters need with a number of knot spans."""
+        state = self._started()
+        finer, boundary = resolution.build(self.settings, self._command(state.stamp), spans)
+        self.state = self._insensitive(refined(state, self.model, finer))
+        self.model, self.boundary = finer, boundary
 
     def _started(self) -> State:
         if self.state is None:

@@ -3,18 +3,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dlo_ros.command import Command
+from dlo_ros.errors import SimulationError
 from dlo_ros.rod.batch.parameter_sets import ParameterSets
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.dynamics import with_consistent_acceleration
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.state import State
 from dlo_ros.rod.statics import settle
+from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 
@@ -68,6 +70,21 @@ class SimulationBatch:
         self._published = published
         self._down = published.projection(self._models[0].basis)
         self._together: ParameterSets | None = None
+
+    @classmethod
+    def starting(
+        cls, first: StartedSet, others: Sequence[RodSettings], boundary: Boundary, command: Command
+    ) -> Generator[None, None, SimulationBatch]:
+        """The first set and others that start where it is; it yields between them."""
+        started, failures = {0: first}, {}
+        for k, settings in enumerate(others, start=1):
+            yield
+            try:
+                model = first.model.with_settings(settings)
+                started[k] = started_set(model, boundary, first.state, command)
+            except SimulationError as err:
+                failures[k] = str(err)
+        return cls(started, failures, boundary, command, boundary.published)
 
     @property
     def shapes(self) -> FloatArray:

@@ -29,7 +29,7 @@ from dlo_ros.spline import FloatArray
 
 TOLERANCE = 1e-9
 # A rod that is elastic and touches nothing.
-LINEAR = ConstitutiveLaw(0.0, np.inf, np.inf, 0.0, 0.0, 1.0, 0.0, np.inf)
+LINEAR = ConstitutiveLaw(0.0, np.zeros(0), np.zeros(0), 0.0, 0.0, 1.0, 0.0, np.zeros(0))
 FREE = Surroundings(
     0.0, 1.0, np.zeros((0, 3)), 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0),
     np.zeros((0, 3)), 0.0, np.zeros((0, 3)),

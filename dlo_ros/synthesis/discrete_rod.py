@@ -87,6 +87,7 @@ class DiscreteRod:
             the spring and the slider.
         lasting: time in which it does [s].
         hysteresis_width: change of curvature over which that moment turns round [1/m].
+        hinged: whether the spring at the start and at the end is that of a grip, which is linear.
         friction: largest friction with the board of the nodes [N], shape (N + 1,).
         pegs: x, z [m] and the distance of the DLO's axis at contact [m], shape (m, 3).
         wall: unit normal x, z and where along it the DLO's axis touches [m], shape (3,), or none.
@@ -112,6 +113,7 @@ class DiscreteRod:
     relaxing: float = 0.0
     lasting: float = 1.0
     hysteresis_width: float = 1.0
+    hinged: tuple[bool, bool] = (False, False)
     friction: FloatArray = field(default_factory=lambda: np.zeros(0))
     pegs: FloatArray = field(default_factory=lambda: NO_PEGS)
     wall: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -245,18 +247,21 @@ class DiscreteRod:
         none = np.zeros(0)
         if self.linear:
             return BendingLaw(False, *([none] * 10))
-        k = self.bending_stiffness / v
+        k, hinged = self.bending_stiffness / v, np.zeros(len(v), dtype=bool)
+        hinged[[0, -1]] = self.hinged
         share = min(self.hardening, 1.0 - 1e-12)
         yields = self.yield_curvature if self.hardening < 1.0 else np.inf
         return BendingLaw(
             active=True,
             stiffness=k,
             rest=self.rest_turn,
-            half=self.half_curvature * v,
-            limit=k * yields * v,
+            half=np.where(hinged, np.inf, self.half_curvature * v),
+            limit=np.where(hinged, np.inf, k * yields * v),
             hardening=k * share / (1.0 - share),
             plastic=np.zeros_like(v) if history is None else history.plastic,
-            drag=self.hysteresis * self.bending_stiffness + self.friction_moment,
+            drag=np.where(
+                hinged, 0.0, self.hysteresis * self.bending_stiffness + self.friction_moment
+            ),
             width=self.hysteresis_width * v,
             drag_state=np.zeros_like(v) if history is None else history.drag_state,
             turn=np.zeros_like(v) if history is None else history.turn,

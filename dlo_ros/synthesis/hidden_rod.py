@@ -115,10 +115,11 @@ def build_rod(
     u, tributary = rod.u / grown, rod.vertex_lengths
     softness = _over_vertices(u, lambda at: 1.0 / _stiffness_ratio(at, length, hidden))
     rod.bending_stiffness = rod.bending_stiffness / softness
-    for end, name in ((0, "start"), (-1, "end")):
+    gives = [hidden.number("clamp_compliance", name) for name in ("start", "end")]
+    for end, compliance in zip((0, -1), gives, strict=True):
         # A hinge in series with the half edge of the clamp.
-        give = rod.bending_stiffness[end] * hidden.number("clamp_compliance", name)
-        rod.bending_stiffness[end] /= 1.0 + give / tributary[end]
+        rod.bending_stiffness[end] /= 1.0 + rod.bending_stiffness[end] * compliance / tributary[end]
+    rod.hinged = (gives[0] > 0.0, gives[1] > 0.0)
     rod.rest_curvature = _over_vertices(u, lambda at: _curvature(at, length, hidden))
     rod.kink = hidden.number("intrinsic_curvature", "kink") * _hat(
         u, hidden.number("intrinsic_curvature", "position")

@@ -52,6 +52,8 @@ def test_neutral_values_do_nothing(name):
     )  # fmt: skip
     # Contact is simulated by the engine of single rods, whose Newton iterations end elsewhere.
     apart = 1e-6 if name in {"obstacle", "surface_friction", "wall"} else 1e-9
+    if name == "clamp_compliance":  # the spline is finer where a grip may give
+        apart = 2e-4 * PAPER.rod.length
     np.testing.assert_allclose(shapes(same), shapes(plain), atol=apart)
 
 

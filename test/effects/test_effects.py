@@ -102,15 +102,15 @@ def test_a_turned_clamp_is_a_turned_start():
     assert apart(shape, elastica(linear, own_weight, start=0.2)) < 2e-4
 
 
-@pytest.mark.parametrize(("spans", "slack"), [(28, 1e-3), (56, 2.5e-4)])
-def test_a_grip_that_gives_way_is_a_torsional_spring(spans, slack):
+@pytest.mark.parametrize("spans", [7, 14, 28, 56])
+def test_a_grip_that_gives_way_is_a_torsional_spring(spans):
     compliance = 8.0
     shape, _ = cantilever(PAPER, spans, clamp_compliance={"start": compliance})
     stiff = Cantilever(ROD.length, lambda u: np.full_like(u, B), STRETCH, own_weight)
     spring = hinged(stiff, compliance, 9.81 * LINE)
     assert spring.direction == pytest.approx(0.09, abs=0.02)  # rad
-    assert apart(shape, spring.solve) < slack
-    assert apart(shape, stiff.solve) > 15.0 * slack
+    assert apart(shape, spring.solve) < 2e-4
+    assert apart(shape, stiff.solve) > 0.015
     mirrored = command(
         ["end"], [0.0], [[[ROD.length, 0.0, 0.0]]], np.array([[[0.0, 0.0, 0.0, 1.0]]])
     )
@@ -124,7 +124,7 @@ def test_a_grip_that_gives_way_is_a_torsional_spring(spans, slack):
 
 def test_a_rigid_grip_is_the_limit_of_none_that_gives_way():
     shape, _ = cantilever(PAPER, clamp_compliance={"start": 1e-6})
-    assert apart(shape, cantilever(PAPER)[0]) < 1e-6
+    assert apart(shape, cantilever(PAPER)[0]) < 1e-4  # whose spline is not as fine at the clamp
 
 
 def test_a_plug_is_a_weight_on_a_rigid_lever():

@@ -29,6 +29,15 @@ CASES = {
     "clamp_compliance": ("waved", {"clamp_compliance": {"start": 6.0}}),
     "clamp_compliance, both held": (
         "closed", {"clamp_compliance": {"start": 10.0, "end": 20.0}}),
+    "a give beside a yield": (
+        "closed", {"clamp_compliance": {"start": 10.0, "end": 20.0},
+                   "plasticity": {"yield_curvature": 4.0, "hardening": 0.4}}),
+    "a give beside softening": (
+        "closed", {"clamp_compliance": {"start": 10.0, "end": 20.0},
+                   "nonlinear_stiffness": {"half_curvature": 6.0}}),
+    "a give beside friction within the DLO": (
+        "closed", {"clamp_compliance": {"start": 10.0, "end": 20.0},
+                   "hysteresis": {"moment": 2e-3, "curvature": 1.0}}),
     "connector": ("waved", {"connector": {"mass": 0.004, "extent": 0.05}}),
     "gravity_tilt": ("waved", {"gravity_tilt": {"angle": 0.15}}),
     "point_mass": ("waved", {"point_mass": {"mass": 0.004, "position": 0.25}}),
@@ -92,6 +101,7 @@ CASES = {
 
 ORDINARY = (
     "intrinsic_curvature, kink", "clamp_angle, both", "viscoelasticity", "wall", "many, both held",
+    "a give beside a yield",
 )  # fmt: skip
 
 

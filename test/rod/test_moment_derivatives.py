@@ -16,6 +16,7 @@ hysteresis_moment = constitutive_law.hysteresis_moment.py_func
 
 
 def law(half, yielding, hardening, turn=np.inf):
+    half, yielding, turn = (np.array([x]) for x in (half, yielding, turn))
     return ConstitutiveLaw(1.0, half, yielding, hardening, 0.0, 1.0, 1.0, turn)
 
 
@@ -49,7 +50,7 @@ def test_moment_and_plastic_curvature(x, yielding):
     np.testing.assert_allclose(
         found.plastic[0],
         slopes(
-            lambda a, b, c, d, y, h: plastic_curvature(a, b, c, d, law(half, y, h)),
+            lambda a, b, c, d, y, h: plastic_curvature(a, b, c, d, law(half, y, h), 0),
             (*x, *plastic, yielding, hardening),
         ),
         atol=CLOSE,
@@ -57,12 +58,12 @@ def test_moment_and_plastic_curvature(x, yielding):
     np.testing.assert_allclose(
         found.moment[0, :, :9],
         slopes(
-            lambda s, t, a, b, c, d, y, h, w: bending_moment(s, t, a, b, c, d, law(w, y, h)),
+            lambda s, t, a, b, c, d, y, h, w: bending_moment(s, t, a, b, c, d, law(w, y, h), 0),
             (*stiff, *x, *plastic, yielding, hardening, half),
         ),
         atol=CLOSE,
     )
-    moment = bending_moment(*stiff, *x, *plastic, one)[:2]
+    moment = bending_moment(*stiff, *x, *plastic, one, 0)[:2]
     np.testing.assert_allclose(found.moment[0, :, 9], moment, rtol=1e-12)
 
 

@@ -24,8 +24,9 @@ from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.solve import banded_factorisation, constraints
 from dlo_ros.spline import SplineBasis
 
-LINEAR = ConstitutiveLaw(0.0, np.inf, np.inf, 0.0, 0.0, 1.0, 0.0, np.inf)
-SOFT = LINEAR._replace(active=1.0, half_curvature=20.0)
+NEVER = np.full(24, np.inf)
+LINEAR = ConstitutiveLaw(0.0, NEVER, NEVER, 0.0, 0.0, 1.0, 0.0, NEVER)
+SOFT = LINEAR._replace(active=1.0, half_curvature=np.full(24, 20.0))
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid, solve_bvp
+from scipy.optimize import brentq
 
 
 @dataclass
@@ -97,11 +98,10 @@ def hinged(problem: Cantilever, compliance: float, weight: float) -> Cantilever:
         weight: weight per length [N/m].
     """
     fine = np.linspace(0.0, problem.length, 2001)
-    given = problem.direction
-    for _ in range(40):
-        x = problem.solve(fine)[:, 0]
-        moment = weight * float(np.trapezoid(x, fine))  # clockwise about the clamp
-        before, problem = problem, replace(problem, direction=given + compliance * moment)
-        if abs(problem.direction - before.direction) < 1e-9:
-            break
-    return problem
+
+    def too_far(turned: float) -> float:
+        x = replace(problem, direction=problem.direction + turned).solve(fine)[:, 0]
+        return turned - compliance * weight * float(np.trapezoid(x, fine))  # clockwise
+
+    turned = float(brentq(too_far, 0.0, 0.5 * np.pi, xtol=1e-9))
+    return replace(problem, direction=problem.direction + turned)

@@ -23,8 +23,9 @@ class ClampCompliance(Effect):
     rigid; with c to infinity the end is held in place and free to turn.
 
     The end stays where it is held. An end whose direction is free has no moment, and nothing turns.
-    The spring's compliance is spread over the knot spans beside the grip, see `Body.give_at_grips`,
-    and damped as bending is; docs/effects.md tells how exact that is.
+    The spring is damped and relaxes as the DLO does, which softens or yields beside it. Its
+    compliance is spread over the first knot span, see `Body.give_at_grips`; docs/effects.md tells
+    how exact that is.
     """
 
     name: ClassVar[str] = "clamp_compliance"
@@ -40,7 +41,7 @@ class ClampCompliance(Effect):
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""
-        start, end = body.grip_compliance
+        start, end = body.grip_compliance or (0.0, 0.0)
         body.grip_compliance = (start + self.start, end + self.end)
 
     @classmethod

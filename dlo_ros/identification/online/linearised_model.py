@@ -189,7 +189,7 @@ class Run:
             np.array([p.control_points for p in predictions]),
             np.array([p.sensitivity for p in predictions]),
             self.simulation.published,
-            self.simulation.basis.spans,
+            self.simulation.basis.even_spans,
             self.error,
             unit=self.unit,
         )
@@ -214,7 +214,7 @@ class Run:
             np.array(self.residuals),
             np.array(self.derivatives),
             np.zeros(self.used),
-            self.simulation.basis.spans,
+            self.simulation.basis.even_spans,
             self.error,
         )
 

@@ -275,7 +275,7 @@ class OnlineEstimator:
         if self._past.anchor is not None or (before is not None and before.holds(settings)):
             return
         judge, seen = simulation_of(settings, self._motion), self._past.observations
-        spans, error = run.simulation.basis.spans, ASSUMED_ERROR
+        spans, error = run.simulation.basis.even_spans, ASSUMED_ERROR
         try:
             yield from judge.judging(seen[:2], seen[-1].stamp)
             if judge.resolution is not None:
@@ -283,7 +283,7 @@ class OnlineEstimator:
         except SimulationError as err:
             LOG.warning("the resolution cannot be judged: %s", err)
         self._judged_resolution = JudgedResolution(settings, spans, error)
-        if spans == run.simulation.basis.spans:
+        if spans == run.simulation.basis.even_spans:
             run.error = error
         else:
             yield from self._adopt(run.at.theta)

@@ -69,7 +69,7 @@ class Forces:
         theta, seen, twin = run.at.theta, tuple(past.observations), run.simulation
         try:
             yield LONG
-            simulation = yield from past.started(twin.settings, twin.basis.spans, loads=True)
+            simulation = yield from past.started(twin.settings, twin.basis.even_spans, loads=True)
             stamps = [o.stamp for o in seen if o.stamp >= simulation.stamp]
             loadings: list[Loading] = []
             for stamp in stamps:

@@ -102,7 +102,7 @@ class SetUpErrors:
             return
         self._examined = (run.used, math.log(estimate.specific_modulus))
         scale, settings = prior.scale(run.at, prior.step(run.at)), estimate.settings
-        recording = replace(measured(seen, settings), spans=run.simulation.basis.spans)
+        recording = replace(measured(seen, settings), spans=run.simulation.basis.even_spans)
         view = scene(settings, imposed_names([seen]), [recording.observed])
         model = joint_model(settings, self._given, view)
         if not recording.planar or not any(p.effect for p in model.parameters):

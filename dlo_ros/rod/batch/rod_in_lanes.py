@@ -87,7 +87,7 @@ class RodInLanes:
             corners = np.union1d(corners, times)
         status, steps = single_rod.march(
             self._prepared, self._boundary.imposed(command), clock, frames, moved, changed,
-            self._length, corners, times, *accuracy(self._tolerance, self._length), shapes,
+            self._length, corners, times, *accuracy(self._tolerance, self._boundary.basis), shapes,
             velocities, twists, derivatives,
         )  # fmt: skip
         if status == NO_DIRECTION:

@@ -171,7 +171,7 @@ class Boundary:
     @property
     def reach(self) -> float:
         """Distance of the second control point from a clamped end [m]: |r'| = 1 there."""
-        return self.basis.span_length / 3.0
+        return float(self.basis.breaks[1]) / 3.0
 
     def held(
         self, command: Command, stamp: int, theta: FloatArray, frames: FloatArray,

@@ -39,41 +39,42 @@ def room(points):
 
 
 @njit(inline="always")
-def plastic_curvature(x1, x2, p1, p2, law):
-    """The plastic curvature that a curvature (x1, x2) leaves where (p1, p2) was before."""
-    h = 1.0 + law.hardening
+def plastic_curvature(x1, x2, p1, p2, law, e):
+    """The plastic curvature that a curvature (x1, x2) leaves at point e where (p1, p2) was."""
+    h, most = 1.0 + law.hardening, law.yield_curvature[e]
     d1, d2 = x1 - h * p1, x2 - h * p2
     size = np.sqrt(d1 * d1 + d2 * d2)
-    if size > law.yield_curvature:
-        flow = (1.0 - law.yield_curvature / size) / h
+    if size > most:
+        flow = (1.0 - most / size) / h
         p1 += flow * d1
         p2 += flow * d2
     return p1, p2
 
 
 @njit(from_python=False)
-def bending_moment(stiff1, stiff2, x1, x2, p1, p2, law):
+def bending_moment(stiff1, stiff2, x1, x2, p1, p2, law, e):
     """Moment of a curvature beyond linear elasticity.
 
     Args:
         stiff1, stiff2: bending stiffness about both directors [N m^2].
         x1, x2: curvature against the rest curvature [1/m].
         p1, p2: plastic curvature before [1/m].
-        law: see `ConstitutiveLaw`.
+        law, e: see `ConstitutiveLaw`, and the quadrature point.
 
     Returns:
         Moments about both directors [N m], their tangent (11, 12, 22) [N m^2], energy [J/m].
     """
-    q1, q2 = plastic_curvature(x1, x2, p1, p2, law)
+    q1, q2 = plastic_curvature(x1, x2, p1, p2, law, e)
+    half, most = law.half_curvature[e], law.yield_curvature[e]
     e1, e2 = x1 - q1, x2 - q2
     root1, root2, mean = np.sqrt(stiff1), np.sqrt(stiff2), 0.5 * (stiff1 + stiff2)
     y1, y2 = root1 * e1, root2 * e2
     r = np.sqrt((y1 * y1 + y2 * y2) / mean)
     secant, tangent, energy = 1.0, 1.0, 0.5 * mean * r * r
-    if r > 1e-9 * law.half_curvature:
-        s = r / law.half_curvature
+    if r > 1e-9 * half:
+        s = r / half
         secant, tangent = np.arctan(s) / s, 1.0 / (1.0 + s * s)
-        energy = mean * law.half_curvature**2 * (s * np.arctan(s) - 0.5 * np.log(1.0 + s * s))
+        energy = mean * half**2 * (s * np.arctan(s) - 0.5 * np.log(1.0 + s * s))
     along = 0.0 if r == 0.0 else (tangent - secant) / (mean * r * r)
     t11 = stiff1 * (secant + along * y1 * y1)
     t12 = root1 * root2 * along * y1 * y2
@@ -81,17 +82,17 @@ def bending_moment(stiff1, stiff2, x1, x2, p1, p2, law):
     h = 1.0 + law.hardening
     d1, d2 = x1 - h * p1, x2 - h * p2
     size = np.sqrt(d1 * d1 + d2 * d2)
-    if size > law.yield_curvature:
+    if size > most:
         # d(x_e)/dx: less along the flow direction, and across it as far as it has turned.
         n1, n2 = d1 / size, d2 / size
-        across = (1.0 - law.yield_curvature / size) / h
+        across = (1.0 - most / size) / h
         along = 1.0 / h - across
         j11, j12, j22 = 1.0 - across - along * n1 * n1, -along * n1 * n2, (
             1.0 - across - along * n2 * n2
         )  # fmt: skip
         energy += mean * (
             0.5 * law.hardening * (q1 * q1 + q2 * q2)
-            + law.yield_curvature * np.sqrt((q1 - p1) ** 2 + (q2 - p2) ** 2)
+            + most * np.sqrt((q1 - p1) ** 2 + (q2 - p2) ** 2)
         )
         a12, a21 = t11 * j12 + t12 * j22, t12 * j11 + t22 * j12
         t11, t22 = t11 * j11 + t12 * j12, t12 * j12 + t22 * j22
@@ -172,7 +173,7 @@ def _add_hysteresis(other, weight, material, out):
     for e in range(weight.size):
         z1, z2, t11, t12, t22, work = hysteresis_moment(
             other[e, 0] - inner[e, 4], other[e, 1] - inner[e, 5], inner[e, 2], inner[e, 3],
-            law.turn,
+            law.turn[e],
         )  # fmt: skip
         out.bend[e, 0] += law.slide * z1
         out.bend[e, 1] += law.slide * z2
@@ -193,7 +194,7 @@ def _add_nonlinear_bending(other, weight, material, out):
         x1 = other[e, 0] - material.bend_rest[e, 0]
         x2 = other[e, 1] - material.bend_rest[e, 1]
         m1, m2, t11, t12, t22, w = bending_moment(
-            b1, b2, x1, x2, plastic[e, 0], plastic[e, 1], material.law
+            b1, b2, x1, x2, plastic[e, 0], plastic[e, 1], material.law, e
         )
         out.bend[e, 0] += held * (m1 - b1 * x1)
         out.bend[e, 1] += held * (m2 - b2 * x2)
@@ -211,7 +212,7 @@ def update_internal(other, material, out):
     for e in range(inner.shape[0]):
         z1, z2, _, _, _, _ = hysteresis_moment(
             other[e, 0] - inner[e, 4], other[e, 1] - inner[e, 5], inner[e, 2], inner[e, 3],
-            material.law.turn,
+            material.law.turn[e],
         )  # fmt: skip
         for c in range(2):
             change = other[e, c] - inner[e, 4 + c]
@@ -222,5 +223,5 @@ def update_internal(other, material, out):
         for e in range(other.shape[0]):
             x1 = other[e, 0] - material.bend_rest[e, 0]
             x2 = other[e, 1] - material.bend_rest[e, 1]
-            p1, p2 = plastic_curvature(x1, x2, plastic[e, 0], plastic[e, 1], material.law)
+            p1, p2 = plastic_curvature(x1, x2, plastic[e, 0], plastic[e, 1], material.law, e)
             out.plastic[e, 0], out.plastic[e, 1] = p1, p2

@@ -38,16 +38,16 @@ class MomentDerivatives(NamedTuple):
 
 
 @njit(inline="always")
-def _plastic(x1, x2, p1, p2, law, out):
+def _plastic(x1, x2, p1, p2, law, e, out):
     """Write the derivatives of the plastic curvature, (2, 6); see above."""
     h = 1.0 + law.hardening
     d1, d2 = x1 - h * p1, x2 - h * p2
     size = np.sqrt(d1 * d1 + d2 * d2)
     out[:, :] = 0.0
-    if size <= law.yield_curvature:
+    if size <= law.yield_curvature[e]:
         out[0, 2], out[1, 3] = 1.0, 1.0
         return
-    n1, n2, rest = d1 / size, d2 / size, law.yield_curvature / (size * h)
+    n1, n2, rest = d1 / size, d2 / size, law.yield_curvature[e] / (size * h)
     flow = 1.0 / h - rest
     a11, a12, a22 = flow + rest * n1 * n1, rest * n1 * n2, flow + rest * n2 * n2
     out[0, 0], out[0, 1], out[1, 0], out[1, 1] = a11, a12, a12, a22
@@ -58,17 +58,18 @@ def _plastic(x1, x2, p1, p2, law, out):
 
 
 @njit(inline="always")
-def _moment(stiff1, stiff2, x1, x2, p1, p2, law, plastic, out):
+def _moment(stiff1, stiff2, x1, x2, p1, p2, law, e, plastic, out):
     """Write the derivatives of `constitutive_law.bending_moment` and itself, (2, 10)."""
-    q1, q2 = plastic_curvature(x1, x2, p1, p2, law)
+    q1, q2 = plastic_curvature(x1, x2, p1, p2, law, e)
+    half = law.half_curvature[e]
     e1, e2 = x1 - q1, x2 - q2
     mean = 0.5 * (stiff1 + stiff2)
     f1, f2 = stiff1 * e1, stiff2 * e2  # linear moments
     r2 = (f1 * e1 + f2 * e2) / mean
     r = np.sqrt(r2)
     secant, less, along = 1.0, 0.0, 0.0
-    if r > 1e-9 * law.half_curvature:
-        s = r / law.half_curvature
+    if r > 1e-9 * half:
+        s = r / half
         secant = np.arctan(s) / s
         less = 1.0 / (1.0 + s * s) - secant
         along = less / (mean * r2)
@@ -88,7 +89,7 @@ def _moment(stiff1, stiff2, x1, x2, p1, p2, law, plastic, out):
     out[0, 3] += t12
     out[1, 2] += t12
     out[1, 3] += t22
-    out[0, 8], out[1, 8] = -f1 * less / law.half_curvature, -f2 * less / law.half_curvature
+    out[0, 8], out[1, 8] = -f1 * less / half, -f2 * less / half
     out[0, 9], out[1, 9] = secant * f1, secant * f2
 
 
@@ -124,18 +125,18 @@ def moment_derivatives(other, bend, bend_rest, internal, law):
     """
     plastic, inner, points = internal.plastic, internal.inner, other.shape[0]
     yields = points if law.active != 0.0 else 0
-    slides = inner.shape[0] if law.turn < np.inf else 0
+    slides = inner.shape[0] if law.turn[0] < np.inf else 0
     out = MomentDerivatives(
         np.empty((yields, 2, 6)), np.empty((yields, 2, 10)), np.empty((slides, 2, 6))
     )
     for e in range(yields):
         x1, x2 = other[e, 0] - bend_rest[e, 0], other[e, 1] - bend_rest[e, 1]
         p1, p2 = plastic[e, 0], plastic[e, 1]
-        _plastic(x1, x2, p1, p2, law, out.plastic[e])
-        _moment(bend[e, 0], bend[e, 1], x1, x2, p1, p2, law, out.plastic[e], out.moment[e])
+        _plastic(x1, x2, p1, p2, law, e, out.plastic[e])
+        _moment(bend[e, 0], bend[e, 1], x1, x2, p1, p2, law, e, out.plastic[e], out.moment[e])
     for e in range(slides):
         _slide(
             other[e, 0] - inner[e, 4], other[e, 1] - inner[e, 5], inner[e, 2], inner[e, 3],
-            law.turn, out.slide[e],
+            law.turn[e], out.slide[e],
         )  # fmt: skip
     return out

@@ -51,13 +51,13 @@ class ConstitutiveLaw(NamedTuple):
     """Deviation of bending from linear elasticity; see `constitutive_law`."""
 
     active: float  # 0: it does not
-    half_curvature: float  # [1/m] infinite: linear
-    yield_curvature: float  # [1/m] infinite: elastic
+    half_curvature: FloatArray  # (nb,) [1/m] infinite: linear
+    yield_curvature: FloatArray  # (nb,) [1/m] infinite: elastic
     hardening: float  # h: hardening modulus over bending stiffness
     relaxing: float  # share of the bending stiffness that relaxes
     lasting: float  # [s] time in which it does
     slide: float  # largest moment of internal friction [N m]
-    turn: float  # [1/m] change of curvature within which that moment turns over
+    turn: FloatArray  # (nb,) [1/m] change of curvature within which that moment turns over
 
 
 class Response(NamedTuple):

@@ -42,7 +42,7 @@ class ExternalForces:
             [basis.matrix(u), basis.matrix(rough), touch, basis.matrix(hung)]
         )
         places = np.concatenate([u, rough, np.zeros(len(touch)), hung])
-        self.span = np.minimum((places / basis.span_length).astype(np.int64), basis.spans - 1)
+        self.span = basis.span_of(places)
         parts = np.cumsum([len(u), len(rough), len(touch), len(hung)])
         self._smooth, self._rough = slice(0, parts[0]), slice(parts[0], parts[1])
         self._touch, self._hung = slice(parts[1], parts[2]), slice(parts[2], parts[3])

@@ -182,13 +182,13 @@ class Balance:
         held = boundary.fixed.reshape(-1, DOF)
         self._held, self._turned = held[:, 0], held[:, 3]
         self._pins = basis.matrix(boundary.pin_abscissae)
-        pinned = np.minimum((boundary.pin_abscissae / basis.span_length).astype(int), basis.spans)
+        pinned = basis.span_of(boundary.pin_abscissae)
         # Which points and pins lie before a knot.
         span = np.concatenate([self._external.span, pinned])
         self._before = (span < np.arange(basis.spans + 1)[:, None]).astype(float)
         self._places = np.linspace(0.0, basis.length, PLACES * basis.spans + 1)
         self._slope, self._curvature = (basis.matrix(self._places, d) for d in (1, 2))
-        knots = np.linspace(0.0, basis.length, basis.spans + 1)
+        knots = basis.breaks
         self._between = np.array(
             [np.interp(self._places, knots, row) for row in np.eye(len(knots))]
         ).T

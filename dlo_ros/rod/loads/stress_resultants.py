@@ -145,7 +145,7 @@ class Stresses:
             elastic = x - internal.plastic
             mean = stiff.mean(axis=-1, keepdims=True)
             size = np.sqrt(np.sum(stiff * elastic**2, axis=-1, keepdims=True) / mean)
-            ratio = np.maximum(size / law.half_curvature, 1e-9)
+            ratio = np.maximum(size / law.half_curvature[:, None], 1e-9)
             softer = np.arctan(ratio) / ratio * elastic - x
             result += (1.0 - law.relaxing) * stiff * softer
         return result

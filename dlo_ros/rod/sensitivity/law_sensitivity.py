@@ -68,7 +68,7 @@ def add_law_stresses(base, more, law, rates, inner, past, other, derivatives, h,
             z, before = slide[e], past.inner[a, e]
             for c in range(2):
                 out[e, c] += rates.slide[a] * z[c, 5] + law.slide * (
-                    z[c, 2] * before[2] + z[c, 3] * before[3] + z[c, 4] * rates.turn[a]
+                    z[c, 2] * before[2] + z[c, 3] * before[3] + z[c, 4] * rates.turn[a, e]
                     - z[c, 0] * before[4] - z[c, 1] * before[5]
                 )  # fmt: skip
         for e in range(moment.shape[0]):
@@ -83,8 +83,9 @@ def add_law_stresses(base, more, law, rates, inner, past, other, derivatives, h,
                 out[e, c] -= rates.relaxing[a] * (m[c, 9] - base.bend[0, e, c] * x)
                 out[e, c] += held * (
                     m[c, 0] * s1 + m[c, 1] * s2 - m[c, 2] * r1 - m[c, 3] * r2
-                    + m[c, 4] * before[0] + m[c, 5] * before[1] + m[c, 6] * rates.yield_curvature[a]
-                    + m[c, 7] * rates.hardening[a] + m[c, 8] * rates.half_curvature[a] - linear
+                    + m[c, 4] * before[0] + m[c, 5] * before[1]
+                    + m[c, 6] * rates.yield_curvature[a, e] + m[c, 7] * rates.hardening[a]
+                    + m[c, 8] * rates.half_curvature[a, e] - linear
                 )  # fmt: skip
 
 
@@ -110,7 +111,7 @@ def propagate_internal_bending(d_rest, law, rates, inner, change, other, derivat
             for c in range(2):
                 before[c] = (
                     p[c, 0] * x1 + p[c, 1] * x2 + p[c, 2] * p1 + p[c, 3] * p2
-                    + p[c, 4] * rates.yield_curvature[a] + p[c, 5] * rates.hardening[a]
+                    + p[c, 4] * rates.yield_curvature[a, e] + p[c, 5] * rates.hardening[a]
                 )  # fmt: skip
         for e in range(inner.shape[0]):
             before = change.inner[a, e]
@@ -120,7 +121,7 @@ def propagate_internal_bending(d_rest, law, rates, inner, change, other, derivat
                 for c in range(2):
                     before[2 + c] = (
                         z[c, 0] * x1 + z[c, 1] * x2 + z[c, 2] * z1 + z[c, 3] * z2
-                        + z[c, 4] * rates.turn[a]
+                        + z[c, 4] * rates.turn[a, e]
                     )  # fmt: skip
             for c in range(2):
                 step = other[e, c] - inner[e, 4 + c]

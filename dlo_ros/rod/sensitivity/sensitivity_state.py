@@ -29,7 +29,7 @@ class Rates(NamedTuple):
     drag: FloatArray
     load: FloatArray  # (P, n, d)
     relaxation_time: FloatArray  # (P,)
-    law: ConstitutiveLaw  # (P,) each
+    law: ConstitutiveLaw  # (P,) or (P, nb)
     friction: FloatArray  # (P,)
     brake: FloatArray  # (P,)
     bodies: FloatArray  # (P,) not 0 where the parameter changes what pegs or walls do

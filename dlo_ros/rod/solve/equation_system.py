@@ -42,7 +42,7 @@ class System(NamedTuple):
 
     rule: Quadrature
     stiffness: Stiffness  # arrays with a leading axis of V
-    law: ConstitutiveLaw  # arrays of shape (V,)
+    law: ConstitutiveLaw  # arrays of shape (V,) or (V, nb)
     around: Surroundings  # numbers as arrays of shape (V,), pegs (V, k, 3)
     mass: FloatArray  # (V, n, 4) band
     spin: FloatArray  # (V, n, 4) band
@@ -145,7 +145,7 @@ def frictionless(m):
     a, w = m.around, m.law
     law = ConstitutiveLaw(
         w.active, w.half_curvature, w.yield_curvature, w.hardening, w.relaxing, w.lasting, 0.0,
-        np.inf,
+        np.full(w.turn.size, np.inf),
     )  # fmt: skip
     around = Surroundings(
         0.0, a.creep, a.pegs, a.contact, a.span, a.b, a.weight, a.walls, a.brake, a.tow
@@ -158,7 +158,8 @@ def unhindered(m):
     """The material as a linear elastic one that touches nothing."""
     a, none = m.around, np.zeros((0, 3))
     around = Surroundings(0.0, a.creep, none, 0.0, a.span, a.b, a.weight, none, 0.0, none)
-    law = ConstitutiveLaw(0.0, np.inf, np.inf, 0.0, 0.0, 1.0, 0.0, np.inf)
+    w = m.law
+    law = ConstitutiveLaw(0.0, w.half_curvature, w.yield_curvature, 0.0, 0.0, 1.0, 0.0, w.turn)
     return Material(m.stiffness, m.damping, m.bend_rest, law, around, m.internal, 0.0, 0.0)
 
 
