@@ -21,10 +21,20 @@ from dlo_ros.rod.solve.integrator_state import TIME
 from dlo_ros.rod.state import State
 from dlo_ros.spline import FloatArray
 
-# Newton's method may leave this share of the error that a step may add.
+# Newton's method ends with a correction below this share of the error that a step may add; what is
+# left is quadratically smaller.
 NEWTON_SHARE = 0.05
+ROUNDING = 1e-11  # of L: smaller corrections are not asked for
 # Error that one step may add, as a share of simulation.tolerance: measured on a falling cantilever.
 STEP_SHARE = 0.03
+
+
+def accuracy(models: Sequence[RodModel]) -> tuple[float, float]:
+    """Error that one step of rods may add, and convergence of Newton's method, both in m."""
+    length = models[0].basis.length
+    step = STEP_SHARE * min(m.settings.simulation.tolerance for m in models) * length
+    newton = NEWTON_SHARE * step * min(m.correction_share for m in models)
+    return step, max(newton, ROUNDING * length)
 
 
 @dataclass(frozen=True)
@@ -80,14 +90,13 @@ def integrate(
     derivatives = np.empty((len(times), len(parameters), *moving.q.shape))
     length = model.basis.length
     allowed = model.settings.simulation.tolerance * length
-    tolerance = STEP_SHARE * allowed
-    newton = NEWTON_SHARE * tolerance / length * 0.5**model.basis.halvings
+    tolerance, newton = accuracy([model])
     corners = true.corners(allowed, length)
     if stepwise:
         corners = np.union1d(corners, times)
     status, steps = adaptive_integration.march(
-        rod.prepared, moving, corners, times, tolerance, newton, varying, shapes, speeds, twists,
-        derivatives,
+        rod.prepared, moving, corners, times, tolerance, newton / length, varying, shapes, speeds,
+        twists, derivatives,
     )  # fmt: skip
     if status == NO_DIRECTION:
         raise CommandError(NO_DIRECTION_TEXT)

@@ -242,6 +242,15 @@ class RodModel:
         return result
 
     @cached_property
+    def correction_share(self) -> float:
+        """How small corrections of the shape must become, over those that suffice for a plain rod.
+
+        What is left of them strains the shortest knot span most, and bends the stiffest place.
+        """
+        stiffest = max(float(self.body.bend.max()) / self.settings.rod.bending_stiffness, 1.0)
+        return 0.5**self.basis.halvings / stiffest
+
+    @cached_property
     def rate2(self) -> float:
         """Scale of squared frequencies [1/s^2], for the mass shift of the static solver."""
         rod = self.settings.rod

@@ -12,7 +12,6 @@ from dlo_ros.command import Command, Motion
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
 from dlo_ros.rod import compiled_rod, integration
-from dlo_ros.rod.batch import parameter_sets
 from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.sensitivity_parameters import STEP, known, variation_of
@@ -209,7 +208,6 @@ def same_steps(monkeypatch):
     """Every run takes the same steps and solves them exactly."""
     monkeypatch.setattr(integration, "STEP_SHARE", 1e3)
     monkeypatch.setattr(integration, "NEWTON_SHARE", 1e-11)
-    monkeypatch.setattr(parameter_sets, "NEWTON_SHARE", 1e-11)
     monkeypatch.setattr(Command, "corners", lambda command, *_: command.times)
 
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.rod import dynamics, integration
-from dlo_ros.rod.batch import parameter_sets, simd_kernels, single_rod, spatial_kernels
+from dlo_ros.rod.batch import simd_kernels, single_rod, spatial_kernels
 from dlo_ros.rod.batch.layout import Layout
 from dlo_ros.rod.packing import insensitive
 from dlo_ros.rod.resolution import build
@@ -55,7 +55,6 @@ def moved(*, space, free=False):
 def exact(monkeypatch):
     """Newton's method leaves next to nothing."""
     monkeypatch.setattr(integration, "NEWTON_SHARE", 1e-9)
-    monkeypatch.setattr(parameter_sets, "NEWTON_SHARE", 1e-9)
 
 
 @pytest.mark.parametrize("free", some_of([False, True], [False]), ids=["clamped", "free end"])

@@ -29,24 +29,9 @@ from dlo_ros.rod.packing import true_command
 from dlo_ros.rod.planar_model import expand, in_plane
 from dlo_ros.rod.simd.eight_lanes import LANES, rows
 from dlo_ros.rod.state import State
-from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.spline import FloatArray
 
-# Newton's method stops when its last correction is below this share of a step's tolerance; what
-# is left is quadratically smaller.
-NEWTON_SHARE = 0.05
 SAME_FRAME = 1e-9  # vectors and angles [rad] of frames that differ by less are the same
-ROUNDING = 1e-11  # of L: smaller corrections are not asked for
-
-
-def accuracy(tolerance: float, basis: SplineBasis) -> tuple[float, float]:
-    """Error that one step may add, and convergence of Newton's method, both in m.
-
-    Args:
-        tolerance: simulation.tolerance.
-        basis: basis of the rod, whose shortest span is strained most by what is left.
-    """
-    step = integration.STEP_SHARE * tolerance * basis.length
-    return step, max(NEWTON_SHARE * step * 0.5**basis.halvings, ROUNDING * basis.length)
 
 
 def follow_many(
@@ -156,7 +141,7 @@ class ParameterSets:
         march(
             layout.sets, layout.tables, self.boundary.imposed(command), frames, motion,
             layout.place, layout.room, clock, self.boundary.reach * lengthening, length, corners,
-            times, *accuracy(self._tolerance, self.boundary.basis), NO_PARAMETERS, shapes,
+            times, *integration.accuracy(self.models), NO_PARAMETERS, shapes,
             velocities, twists, rows(len(times), 0, 0), status,
         )  # fmt: skip
         if np.any(status[:, 0] == NO_DIRECTION):

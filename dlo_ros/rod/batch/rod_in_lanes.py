@@ -12,13 +12,12 @@ from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError
 from dlo_ros.rod.batch import single_rod
 from dlo_ros.rod.batch.layout import Layout
-from dlo_ros.rod.batch.parameter_sets import accuracy
 from dlo_ros.rod.batch.sensitivity_lanes import NO_PARAMETERS, variations_of
 from dlo_ros.rod.batch.single_rod import StackedState
 from dlo_ros.rod.boundary.imposed_motion import NO_DIRECTION_TEXT, Boundary
 from dlo_ros.rod.compiled_rod import Compiled
 from dlo_ros.rod.elements.rod_tables import DOF, Reference
-from dlo_ros.rod.integration import Track
+from dlo_ros.rod.integration import Track, accuracy
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
 from dlo_ros.rod.simd.eight_lanes import rows
@@ -39,7 +38,7 @@ class RodInLanes:
     def __init__(
         self, model: RodModel, boundary: Boundary, rod: Compiled | None, *, flat: bool
     ) -> None:
-        self._boundary, self._rod, self._flat = boundary, rod, flat
+        self._model, self._boundary, self._rod, self._flat = model, boundary, rod, flat
         self._length = model.basis.length
         self._tolerance = model.settings.simulation.tolerance
         layout = Layout([model], boundary, flat=flat)
@@ -87,7 +86,7 @@ class RodInLanes:
             corners = np.union1d(corners, times)
         status, steps = single_rod.march(
             self._prepared, self._boundary.imposed(command), clock, frames, moved, changed,
-            self._length, corners, times, *accuracy(self._tolerance, self._boundary.basis), shapes,
+            self._length, corners, times, *accuracy([self._model]), shapes,
             velocities, twists, derivatives,
         )  # fmt: skip
         if status == NO_DIRECTION:
