@@ -25,6 +25,7 @@ CONTACTS = 8  # points of a knot span at which contact is looked for, and one mo
 CONTACT_PENETRATION = 2e-6  # of L: how deep a contact gives way under all of the DLO's weight
 PRESLIDING_DISPLACEMENT = 3e-5  # of L: displacement at which friction acts fully
 INACTIVE = 9e5  # [1/m] curvatures that no DLO reaches
+UNSEEN = 10.0  # stiffness of a place, over that of the rod, that leaves corrections as they are
 # Spans and basis functions of the places where contact is looked for, where there are none.
 NO_CONTACT = np.zeros(0, np.int64), np.zeros((0, 4))
 
@@ -247,8 +248,8 @@ class RodModel:
 
         What is left of them strains the shortest knot span most, and bends the stiffest place.
         """
-        stiffest = max(float(self.body.bend.max()) / self.settings.rod.bending_stiffness, 1.0)
-        return 0.5**self.basis.halvings / stiffest
+        stiffest = float(self.body.bend.max()) / self.settings.rod.bending_stiffness
+        return 0.5**self.basis.halvings / max(stiffest / UNSEEN, 1.0)
 
     @cached_property
     def rate2(self) -> float:

@@ -15,6 +15,7 @@ from dlo_ros.inference.joint import simulate
 from dlo_ros.inference.parameter import ParametricModel
 
 LONG = 1e-2
+STOOD_FOR = {"hysteresis", "quadratic_drag", "viscoelasticity"}  # by a plain rod
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,7 @@ def test_steps_that_do_for_the_plain_model_are_shortened_for_a_heavy_plug_alone(
     (found,) = with_short_steps([rough], at)
     assert found.tolerance == LONG == found.tolerance_with(["gravity_tilt"])
     assert SHORTEST <= found.tolerance_with(["gravity_tilt", "connector"]) < LONG
-    assert found.tolerance_with(["hysteresis"]) == min(found.rapid.values())
+    assert found.tolerance_with(["hysteresis"]) == SHORTEST
     settings = at.model.settings
     assert error(found, settings) < 0.5 * error(rough, settings)
     assert found.observed is rough.observed
@@ -62,7 +63,7 @@ def test_steps_that_are_short_enough_stay_as_they_are(begun):
         (found,) = with_short_steps([replace(rough, tolerance=tolerance)], at)
         assert not found.rapid and found.tolerance == tolerance
     loose = replace(rough, noise=1e6 * rough.noise)  # nothing that it does wrong would be seen
-    assert not with_short_steps([loose], at)[0].rapid
+    assert set(with_short_steps([loose], at)[0].rapid) == STOOD_FOR
 
 
 def test_what_cannot_be_simulated_asks_for_no_shorter_steps(begun, monkeypatch):
@@ -72,4 +73,4 @@ def test_what_cannot_be_simulated_asks_for_no_shorter_steps(begun, monkeypatch):
         raise SimulationError("no")
 
     monkeypatch.setattr("dlo_ros.diagnosis.proposals.time_steps.simulate", fails)
-    assert not with_short_steps([rough], at)[0].rapid
+    assert set(with_short_steps([rough], at)[0].rapid) == STOOD_FOR

@@ -4,8 +4,9 @@
 The initial fit chooses them for the plain model. A heavy plug on a free end moves more rapidly:
 with steps that are right to 0.1 mm without it, shapes may be off by 7 mm, and their derivatives
 have nothing to do with them, so that no fit finds the plug. A creep, or a friction within the DLO,
-for which a plain model stands with more damping, leaves a motion faster, too: models with such an
-effect have the shortest of these steps. All others keep the longer ones.
+for which a plain model stands with more damping, leaves a motion faster, too, and how much faster
+only the fit tells: models with such an effect have the shortest steps that are tried. All others
+keep the longer ones.
 """
 
 from __future__ import annotations
@@ -72,8 +73,8 @@ def _short_enough(
         if tolerance is not None and tolerance < rapid.get(name, recording.tolerance or 0.0):
             LOG.info("%s: steps of %g with %s", recording.name, tolerance, name)
             rapid[name] = tolerance
-    if rapid:
-        rapid |= dict.fromkeys(_stood_for(), min(rapid.values()))
+    if recording.tolerance is not None and recording.tolerance > SHORTEST:
+        rapid |= dict.fromkeys(_stood_for(), SHORTEST)
     return replace(recording, rapid=rapid)
 
 
