@@ -8,7 +8,13 @@ import pytest
 from measured import swing
 from rods import KNOWN, PAPER
 
-from dlo_ros.diagnosis.contact.undisturbed import outlier_frames, robust_loss, undisturbed
+from dlo_ros.diagnosis.contact.undisturbed import (
+    LEADS,
+    Undisturbed,
+    outlier_frames,
+    robust_loss,
+    undisturbed,
+)
 from dlo_ros.identification.material_model import material_model
 from dlo_ros.identification.residual_noise import with_noise
 from dlo_ros.inference.joint import evaluate, simulate
@@ -16,6 +22,7 @@ from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import WHITE
 from dlo_ros.inference.measured import measured
 from dlo_ros.inference.scene import scene
+from dlo_ros.inference.thresholds import CERTAIN
 
 
 def pushed_aside(first, far=0.03):
@@ -64,3 +71,18 @@ def test_where_nothing_was_hit_nothing_is_disturbed():
     together = fit(start, recordings, 8, loss=WHITE)
     view = scene(KNOWN, ["start"], [r.observed for r in recordings])
     assert undisturbed(recordings, KNOWN, together, view) is None
+
+
+def test_where_the_nearest_fit_finds_nothing_the_next_is_taken(monkeypatch):
+    """A fit to pictures of which some are disturbed may come nearest on the whole."""
+    recordings, start = pushed_aside(0.5)
+    at, calls = simulate(start.model, recordings, ()), []
+
+    def fitted(_, model, right):
+        calls.append(list(right))
+        return None if len(calls) == len(LEADS) + 1 else Undisturbed(model, at, CERTAIN)
+
+    monkeypatch.setattr("dlo_ros.diagnosis.contact.undisturbed._fitted", fitted)
+    view = scene(KNOWN, ["start"], [r.observed for r in recordings])
+    assert undisturbed(recordings, KNOWN, start, view) is not None
+    assert len(calls) == len(LEADS) + 2

@@ -66,14 +66,17 @@ def undisturbed(
         for lead in LEADS
     ]
     begun = [f for f in fits if f is not None]
-    if not begun:
-        return None
-    best = min(begun, key=lambda f: robust_loss(f.at, drafts, CERTAIN))
-    wrong = outlier_frames(best.at, drafts, best.scale)
-    before = [int(np.argmax(w)) if w.any() else len(w) for w in wrong]
-    # With `start: moving` the first picture is not compared.
-    skipped = [len(d.times) - len(w) for d, w in zip(drafts, wrong, strict=True)]
-    return _fitted(drafts, best.model, [a + b for a, b in zip(skipped, before, strict=True)])
+    # One that has been fitted to a contact, too, may come nearest on the whole, and find none.
+    for best in sorted(begun, key=lambda f: robust_loss(f.at, drafts, CERTAIN)):
+        wrong = outlier_frames(best.at, drafts, best.scale)
+        before = [int(np.argmax(w)) if w.any() else len(w) for w in wrong]
+        # With `start: moving` the first picture is not compared.
+        skipped = [len(d.times) - len(w) for d, w in zip(drafts, wrong, strict=True)]
+        counts = [a + b for a, b in zip(skipped, before, strict=True)]
+        found = _fitted(drafts, best.model, counts)
+        if found is not None:
+            return found
+    return None
 
 
 def robust_loss(at: joint.Simulated, recordings: Sequence[Recording], scale: float) -> float:
