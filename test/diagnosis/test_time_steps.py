@@ -15,7 +15,6 @@ from dlo_ros.inference.joint import simulate
 from dlo_ros.inference.parameter import ParametricModel
 
 LONG = 1e-2
-STOOD_FOR = {"hysteresis", "quadratic_drag", "viscoelasticity"}  # by a plain rod
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +39,7 @@ def test_steps_that_do_for_the_plain_model_are_shortened_for_a_heavy_plug_alone(
     (found,) = with_short_steps([rough], at)
     assert found.tolerance == LONG == found.tolerance_with(["gravity_tilt"])
     assert SHORTEST <= found.tolerance_with(["gravity_tilt", "connector"]) < LONG
-    assert found.tolerance_with(["hysteresis"]) == SHORTEST
+    assert found.tolerance_with(["hysteresis"]) == LONG
     settings = at.model.settings
     assert error(found, settings) < 0.5 * error(rough, settings)
     assert found.observed is rough.observed
@@ -63,7 +62,7 @@ def test_steps_that_are_short_enough_stay_as_they_are(begun):
         (found,) = with_short_steps([replace(rough, tolerance=tolerance)], at)
         assert not found.rapid and found.tolerance == tolerance
     loose = replace(rough, noise=1e6 * rough.noise)  # nothing that it does wrong would be seen
-    assert set(with_short_steps([loose], at)[0].rapid) == STOOD_FOR
+    assert not with_short_steps([loose], at)[0].rapid
 
 
 def test_what_cannot_be_simulated_asks_for_no_shorter_steps(begun, monkeypatch):
@@ -73,4 +72,4 @@ def test_what_cannot_be_simulated_asks_for_no_shorter_steps(begun, monkeypatch):
         raise SimulationError("no")
 
     monkeypatch.setattr("dlo_ros.diagnosis.proposals.time_steps.simulate", fails)
-    assert set(with_short_steps([rough], at)[0].rapid) == STOOD_FOR
+    assert not with_short_steps([rough], at)[0].rapid

@@ -18,7 +18,10 @@ from dlo_ros.diagnosis.explain.joint_explanation import (
     prepare,
 )
 from dlo_ros.diagnosis.findings import holdout
-from dlo_ros.diagnosis.proposals.time_steps import with_short_steps
+from dlo_ros.diagnosis.proposals.time_steps import (
+    with_short_steps,
+    with_steps_instead_of_plain,
+)
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.offline.drafts import DRAFT_SHARE, drafts
 from dlo_ros.identification.offline.initial_fit import Beginning
@@ -119,6 +122,8 @@ def training_set(
     missed = DRAFT_SHARE * prepared.plain_err
     if missed > LOWERS * prepared.setup.mean_err:  # it would look like a cause
         prepared = _with_finer_drafts(prepared, learned)
+    steps = with_steps_instead_of_plain(prepared.recordings, prepared.setup)
+    prepared = replace(prepared, recordings=steps)
     return TrainingSet(recordings, count, held_out, prepared)
 
 

@@ -4,9 +4,8 @@
 The initial fit chooses them for the plain model. A heavy plug on a free end moves more rapidly:
 with steps that are right to 0.1 mm without it, shapes may be off by 7 mm, and their derivatives
 have nothing to do with them, so that no fit finds the plug. A creep, or a friction within the DLO,
-for which a plain model stands with more damping, leaves a motion faster, too, and how much faster
-only the fit tells: models with such an effect have the shortest steps that are tried. All others
-keep the longer ones.
+for which a plain model stands with more damping, leaves a motion faster, too; how much faster only
+the fitted set-up tells. All others keep the longer ones.
 """
 
 from __future__ import annotations
@@ -22,6 +21,7 @@ from dlo_ros.identification.residual_noise import apart, rms, whitened
 from dlo_ros.inference.joint import Simulated, simulate
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.plain_rod import instead_of_plain
 from dlo_ros.inference.scene import scene_of
 from dlo_ros.inference.thresholds import IMMATERIAL, SMALL_SHARE
 from dlo_ros.parameters import Settings
@@ -38,7 +38,27 @@ def with_short_steps(recordings: Sequence[Recording], at: Simulated) -> tuple[Re
     Args:
         at: the plain model's simulation of them, or of longer ones with the same beginnings.
     """
-    models = _models(recordings, at.model.settings)
+    return _all_short_enough(recordings, at, _models(recordings, at.model.settings))
+
+
+def with_steps_instead_of_plain(
+    recordings: Sequence[Recording], at: Simulated
+) -> tuple[Recording, ...]:
+    """The recordings with time steps short enough for what the plain rod may stand for.
+
+    Args:
+        at: the fitted set-up.
+    """
+    settings = at.model.settings
+    absent = [s for s in starts(scene_of(settings, recordings)) if s.effect not in settings.effects]
+    models = [(start.effect, model) for start, model in instead_of_plain(at.model, absent)]
+    return _all_short_enough(recordings, at, models)
+
+
+def _all_short_enough(
+    recordings: Sequence[Recording], at: Simulated, models: Sequence[tuple[str, ParametricModel]]
+) -> tuple[Recording, ...]:
+    """Each recording by `_short_enough`, where less than what a model leaves is allowed."""
     return tuple(
         _short_enough(recording, models, max(IMMATERIAL, SMALL_SHARE * rms([left])))
         for recording, left in zip(recordings, whitened(at, recordings), strict=True)
@@ -67,20 +87,13 @@ def _short_enough(
         models: models with an effect, after its name.
         allowed: root mean square error in units of the noise.
     """
-    rapid: dict[str, float] = {}
+    rapid = dict(recording.rapid)
     for name, model in models:
         tolerance = _tolerance(recording, model, allowed)
         if tolerance is not None and tolerance < rapid.get(name, recording.tolerance or 0.0):
             LOG.info("%s: steps of %g with %s", recording.name, tolerance, name)
             rapid[name] = tolerance
-    if recording.tolerance is not None and recording.tolerance > SHORTEST:
-        rapid |= dict.fromkeys(_stood_for(), SHORTEST)
     return replace(recording, rapid=rapid)
-
-
-def _stood_for() -> list[str]:
-    """Names of effects for which a plain rod may stand, which then damps what they do not damp."""
-    return [name for name, effect in effects().items() if "instead_of" in vars(effect)]
 
 
 def _tolerance(recording: Recording, model: ParametricModel, allowed: float) -> float | None:
