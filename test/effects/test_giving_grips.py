@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rods import PAPER, SECOND, held_start
+from rods import PAPER, SECOND, command, held_start
 
 from dlo_ros.command import Motion
 from dlo_ros.identification.cooperative_tasks import exhausted
@@ -66,3 +66,34 @@ def test_sets_run_together_where_all_have_the_same_knot_spans():
     for first, second, together in ((DAMPED, GIVES, False), (GIVES, DAMPED, True)):
         batch = exhausted(started(first).batching([first, second], 2 * SECOND))
         assert (batch is not None) == together
+
+
+def waved(compliance, aside, names=()):
+    """Shapes (T, n, 3) of a rod whose grip is waved, aside by a share of that, and derivatives."""
+    t = np.linspace(0.0, 0.6, 61)
+    positions = np.zeros((61, 1, 3))
+    positions[:, 0] = 0.02 * ((1.0 - np.cos(10.0 * t)) ** 2)[:, None] * [-1.0, aside, 0.5]
+    settings = DAMPED.with_effects({"clamp_compliance": {"start": compliance}})
+    shape = np.zeros((settings.rod.control_points, 4))
+    shape[:, 0] = SplineBasis(settings.rod.control_points, ROD.length).greville
+    imposed = command(["start"], t, positions, stamp=SECOND)
+    simulation = Simulation(settings, Motion([imposed]), parameters=names, spans=14)
+    simulation.start([Observation(SECOND, shape)])
+    track = simulation.advance_through([SECOND + k * SECOND // 30 for k in range(1, 19)])
+    shapes = np.array([p.control_points[:, :3] for p in track])
+    if not names:
+        return shapes, None
+    return shapes, np.array([p.sensitivity[0, :, :3] for p in track])
+
+
+def test_a_grip_gives_in_space_as_in_the_plane():
+    flat, _ = waved(20.0, 0.0)
+    aside, _ = waved(20.0, 1e-7)
+    np.testing.assert_allclose(aside, flat, atol=2e-5 * ROD.length)
+
+
+def test_the_derivative_by_a_give_in_space_is_that_of_its_differences():
+    found = waved(20.0, 0.6, ("effects.clamp_compliance.start",))[1]
+    step = 0.5
+    expected = (waved(20.0 + step, 0.6)[0] - waved(20.0 - step, 0.6)[0]) / (2.0 * step)
+    np.testing.assert_allclose(found, expected, atol=0.02 * np.abs(expected).max())
