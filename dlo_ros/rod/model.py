@@ -122,6 +122,7 @@ class RodModel:
         share = min(max(body.hardening, 0.0), 0.999)
         relaxing, lasting = body.relaxing or (0.0, 1.0)
         slide, turn = body.inner_friction or (0.0, np.inf)
+        # A grip that gives does not soften, yield or rub with the DLO.
         never = np.where(body.hinged, np.inf, np.ones(len(self.points)))
         return ConstitutiveLaw(
             active, body.half_curvature * never, body.yield_curvature * never,
