@@ -124,24 +124,27 @@ class RodSettings:
             ParameterError: which quantity, its value, what is allowed.
         """
         if self.effects:
-            self.body(SplineBasis(self.rod.control_points, self.rod.length)).check()
+            self._published_body.check()
 
-    @cached_property
+    @property
     def slips(self) -> bool:
         """Whether a grip slips (maybe by nothing), so that the path of the motion counts."""
-        basis = SplineBasis(self.rod.control_points, self.rod.length)
-        return bool(self.effects) and self.body(basis).slip is not None
+        return bool(self.effects) and self._published_body.slip is not None
 
     @property
     def batched(self) -> bool:
         """Whether parameter sets may be simulated together, see `Effect`."""
         return all(effects()[name].batched for name in self.effects)
 
-    @cached_property
+    @property
     def gives(self) -> bool:
         """Whether a grip gives (maybe by nothing), so that the DLO bends sharply beside it."""
-        basis = SplineBasis(self.rod.control_points, self.rod.length)
-        return bool(self.effects) and self.body(basis).grip_compliance is not None
+        return bool(self.effects) and self._published_body.grip_compliance is not None
+
+    @cached_property
+    def _published_body(self) -> Body:
+        """The body in the published basis, see `body`."""
+        return self.body(SplineBasis(self.rod.control_points, self.rod.length))
 
     def body(self, basis: SplineBasis, section: Vector = (1.0, 1.0, 1.0)) -> Body:
         """Material, mass and loads of the DLO, effects included, in a spline basis.

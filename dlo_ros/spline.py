@@ -77,16 +77,6 @@ class SplineBasis:
         return np.concatenate([even[:1], parts, even[1:-1], self.length - parts[::-1], even[-1:]])
 
     @cached_property
-    def _widths(self) -> FloatArray:
-        """Lengths of the knot spans, shape (spans,) [m]."""
-        result, many = np.full(self.spans, self.span_length), self.halvings
-        if many:
-            parts = 0.5 ** np.concatenate([[many], np.arange(many, 0, -1)])
-            result[: many + 1] *= parts
-            result[-many - 1 :] *= parts[::-1]
-        return result
-
-    @cached_property
     def knots(self) -> FloatArray:
         """Knot vector, shape (n + 4,) [m]."""
         return np.concatenate([np.zeros(DEGREE), self.breaks, np.full(DEGREE, self.length)])
@@ -157,7 +147,9 @@ class SplineBasis:
             Abscissae u [m] and weights [m], each of shape (spans * points,), read-only.
         """
         x, w = _gauss(points)
-        left, h = self.breaks[:-1, None], self._widths[:, None]
+        # Differences of equal steps would differ by rounding.
+        widths = np.diff(self.breaks) if self.halvings else np.full(self.spans, self.span_length)
+        left, h = self.breaks[:-1, None], widths[:, None]
         u, weight = (left + 0.5 * h * (x + 1.0)).ravel(), (0.5 * h * w).ravel()
         u.flags.writeable = weight.flags.writeable = False
         return u, weight

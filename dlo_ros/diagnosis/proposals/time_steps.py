@@ -14,6 +14,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
+from dlo_ros.diagnosis.proposals.linear_evidence import is_present
 from dlo_ros.effects import effects, starts
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.offline.drafts import TIME_FACTOR
@@ -49,8 +50,8 @@ def with_steps_instead_of_plain(
     Args:
         at: the fitted set-up.
     """
-    settings = at.model.settings
-    absent = [s for s in starts(scene_of(settings, recordings)) if s.effect not in settings.effects]
+    begun = starts(scene_of(at.model.settings, recordings))
+    absent = [s for s in begun if not is_present(at.model, s)]
     models = [(start.effect, model) for start, model in instead_of_plain(at.model, absent)]
     return _all_short_enough(recordings, at, models)
 

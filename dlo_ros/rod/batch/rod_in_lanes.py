@@ -39,8 +39,6 @@ class RodInLanes:
         self, model: RodModel, boundary: Boundary, rod: Compiled | None, *, flat: bool
     ) -> None:
         self._model, self._boundary, self._rod, self._flat = model, boundary, rod, flat
-        self._length = model.basis.length
-        self._tolerance = model.settings.simulation.tolerance
         layout = Layout([model], boundary, flat=flat)
         self._variations = NO_PARAMETERS if rod is None else variations_of(model, rod, layout)
         self._prepared: Any = single_rod.prepare(
@@ -81,12 +79,13 @@ class RodInLanes:
         if before is not None:
             v.frames[...], v.increments[...] = before.frames, 0.0
             changed = _copied(before)
-        corners = command.corners(self._tolerance * self._length, self._length)
+        length = self._model.basis.length
+        corners = command.corners(self._model.settings.simulation.tolerance * length, length)
         if stepwise:
             corners = np.union1d(corners, times)
         status, steps = single_rod.march(
             self._prepared, self._boundary.imposed(command), clock, frames, moved, changed,
-            self._length, corners, times, *accuracy([self._model]), shapes,
+            length, corners, times, *accuracy([self._model]), shapes,
             velocities, twists, derivatives,
         )  # fmt: skip
         if status == NO_DIRECTION:
