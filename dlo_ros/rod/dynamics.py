@@ -19,7 +19,7 @@ from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
 from dlo_ros.rod.batch.rod_in_lanes import RodInLanes
 from dlo_ros.rod.boundary.imposed_motion import Boundary
-from dlo_ros.rod.compiled_rod import compiled
+from dlo_ros.rod.compiled_rod import Compiled, compiled
 from dlo_ros.rod.integration import Track, integrate
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import moving_of, state_of, true_command
@@ -117,8 +117,21 @@ def with_consistent_acceleration(
     """The state with the acceleration that its forces cause, imposed points not accelerated."""
     true = true_command(model, command)
     flat = in_plane(model, state, true)
-    moving = moving_of(state, true, flat=flat)
     rod = compiled(model, boundary, command, (), flat=flat)
-    start = np.asarray(starting_acceleration(rod.prepared, moving))
+    return accelerated(model, rod, state, true, flat=flat)
+
+
+def accelerated(
+    model: RodModel, rod: Compiled, state: State, command: Command, variant: int = 0, *, flat: bool
+) -> State:
+    """`with_consistent_acceleration` of one of the variants of a rod.
+
+    Args:
+        command: command with all effects applied.
+        variant: number of the variant, see `System`; default: the rod itself.
+        flat: whether the rod is compiled in its planar form.
+    """
+    moving = moving_of(state, command, flat=flat)
+    start = np.asarray(starting_acceleration(rod.prepared, np.int64(variant), moving))
     moving = moving._replace(acceleration=start, auxiliary=start)
     return state_of(model, state, moving, state.stamp, state.sensitivity)

@@ -14,18 +14,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.effects.base import MEASUREMENT
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
 from dlo_ros.rod.boundary.conditions import THETA
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.boundary.twist_free_frame import EndFrame, material_frame
-from dlo_ros.rod.compiled_rod import both_sides
-from dlo_ros.rod.dynamics import with_consistent_acceleration
+from dlo_ros.rod.compiled_rod import both_sides, compiled
+from dlo_ros.rod.dynamics import accelerated
 from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import nothing_varies, true_command
+from dlo_ros.rod.parameter_names import acts_on
+from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
-from dlo_ros.rod.sensitivity_parameters import variation_of
 from dlo_ros.rod.state import State, rest_state
 from dlo_ros.rod.statics import hold, reachable
 from dlo_ros.rod.stretch_relaxation import Relaxation
@@ -72,22 +74,24 @@ def observed_start(
     begun = _Begun(model, boundary, first, measurement, None)
     reachable(model, begun.held, boundary)
     shape, pull = Relaxation(model, boundary, begun.held, begun.seen[-1]).solution()
-    state = begun.state(shape, first.command)
+    still, true = begun.state(shape), true_command(model, first.command)
+    flat = in_plane(model, still, true, parameters)
+    rod = compiled(model, boundary, first.command, parameters, flat=flat)
+    state = accelerated(model, rod, still, true, flat=flat)
     if not parameters:
         return state
-    varying = nothing_varies(state, len(parameters))
+    varying, variant = nothing_varies(state, len(parameters)), 0
     for k, name in enumerate(parameters):
-        chosen = variation_of(model.settings, name)
         pair = []
+        moved = rod.moves[k] or acts_on(name, MEASUREMENT)
         for varied, asked in both_sides(model, first.command, name):
-            asking, mapping = replace(first, command=asked), MeasurementMap(varied.settings)
-            there = _Begun(varied, boundary, asking, mapping, begun)
-            moved = shape
-            if not there.begins_as(begun):
-                relaxation = Relaxation(varied, boundary, there.held, there.seen[-1])
-                moved = relaxation.solution_near(shape, pull)
-            pair.append(there.state(moved, asked))
-        _set_difference(varying, k, pair[0], pair[1], chosen.step)
+            there, variant = still, variant + 1
+            if moved:
+                asking, mapping = replace(first, command=asked), MeasurementMap(varied.settings)
+                other = _Begun(varied, boundary, asking, mapping, begun)
+                there = other.state(other.shape_near(shape, pull, begun))
+            pair.append(accelerated(model, rod, there, true, variant, flat=flat))
+        _set_difference(varying, k, pair[0], pair[1], rod.step[k])
     # A longer delay sets the first shapes earlier; at a given instant the DLO has moved on since.
     later = measurement.later_rate[:, None, None]
     varying.q[:] += later * state.velocity
@@ -126,7 +130,14 @@ class _Begun:
             self._resting[key] = rest_state(stamp, shape, self.model, self._frame, angle)
         return self._resting[key]
 
-    def begins_as(self, other: _Begun) -> bool:
+    def shape_near(self, shape: FloatArray, pull: float, other: _Begun) -> FloatArray:
+        """The shape (n, 4) of the start, where that of another is known, found with a pull."""
+        if self._begins_as(other):
+            return shape
+        relaxation = Relaxation(self.model, self.boundary, self.held, self.seen[-1])
+        return relaxation.solution_near(shape, pull)
+
+    def _begins_as(self, other: _Begun) -> bool:
         """Whether the first shapes, and all that decides how they are held, are the same."""
         return (
             all(np.array_equal(a, b) for a, b in zip(self.seen, other.seen, strict=True))
@@ -137,8 +148,8 @@ class _Begun:
             )
         )
 
-    def state(self, shape: FloatArray, command: Command) -> State:
-        """The state in a shape (n, 4), with the velocity that was observed."""
+    def state(self, shape: FloatArray) -> State:
+        """The state in a shape (n, 4), with the velocity that was observed, not accelerated."""
         model, observations = self.model, self._first.observations
         turned = 0.0 if self._frame is None else float(self.held.frames[self._frame.end, THETA])
         angle = turned if abs(turned) > ROUNDING else 0.0
@@ -150,7 +161,7 @@ class _Begun:
             velocity = (self.seen[-1] - self.seen[0]) / elapsed
             velocity[:, 3] = 0.0
             state = replace(state, velocity=velocity)
-        return with_consistent_acceleration(model, self.boundary, state, command)
+        return state
 
 
 def _set_difference(

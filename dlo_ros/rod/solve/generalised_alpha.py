@@ -235,17 +235,18 @@ def _mean_jump(fixed, new, old):
 
 
 @linked(from_python=True)
-def starting_acceleration(rod, state):
+def starting_acceleration(rod, k, state):
     """The acceleration that the forces of a state cause, imposed points not accelerated.
 
     Args:
         rod: `system` and `imposed`, as one object.
+        k: number of the variant of the rod.
         state: an `IntegratorState`.
     """
     system, imposed = rod.system, rod.imposed
-    factor = growth(imposed, ITSELF, state.clock[TIME])
+    factor = growth(imposed, k, state.clock[TIME])
     none = np.zeros((state.q.shape[0], 4))
-    matter = material_at_rest(system, ITSELF, factor, state.internal)
+    matter = material_at_rest(system, k, factor, state.internal)
     if matter.around.brake != 0.0:
         still = state.q - state.velocity
         matter = with_quadratic_drag(
@@ -255,11 +256,11 @@ def starting_acceleration(rod, state):
     _, gradient, _, _, _ = newton_iteration.linearise(
         state.q, system.rule, matter, state.reference, none, none
     )
-    pull = residual(system, ITSELF, factor, state.velocity, np.zeros(state.q.shape)).ravel()
+    pull = residual(system, k, factor, state.velocity, np.zeros(state.q.shape)).ravel()
     right = np.empty((1, state.q.size))
     for i in range(state.q.size):
         right[0, i] = -pull[i] - gradient[i]
-    mass, spin = inertia_of(system, ITSELF, factor, 1.0, 0.0)
+    mass, spin = inertia_of(system, k, factor, 1.0, 0.0)
     band, diagonal = newton_iteration.factorised_mass(mass, spin, system.fixed, right)
     back_substitute(band, diagonal, system.pins, np.zeros((1, system.pins.shape[0])), right)
     return right[0].reshape(state.q.shape)
