@@ -102,8 +102,32 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
         assert causes[0].rivals == {"gravity_tilt": {"angle": 0.3}}
         assert causes[0].err == neither.mean_err
     told = Explanation(at, at, causes, 0.0, 0.0, 0.0, (), (), shifts)
-    # A cause that is not named may act or not: E / mu may be that with it or without.
-    assert told.stiffness_doubt == pytest.approx(0.0 if named else np.log(2.0))
+    # A cause that is not named may act or not, and a rival may act in its place: E / mu may be that
+    # with it or without.
+    known = named and not causes[0].rivals
+    assert told.stiffness_doubt == pytest.approx(0.0 if known else np.log(2.0))
+
+
+@pytest.mark.parametrize("acts", [True, False])
+def test_the_stiffness_beside_a_rival_is_doubtful(monkeypatch, acts):
+    """E / mu beside a rival that acts just as well is a third of that beside the cause."""
+    mass = Start("point_mass", {"mass": 0.0}, ("mass",), ("mass",))
+    only_err_decides(monkeypatch)
+    softer = replace(PAPER.rod, young_modulus=PAPER.rod.young_modulus / 3.0)
+    at, bare, other = (evaluation(*x) for x in ((0.0, 0.9e-3), (-40.0, 2e-3), (-1.0, 0.9e-3)))
+    at.model = bare.model = SimpleNamespace(settings=PAPER)
+    other.model = SimpleNamespace(settings=replace(PAPER, rod=softer))
+    rivals = {"constant_force": (other, {"x": 0.3})} if acts else {}
+    monkeypatch.setattr(cause_naming, "_rivals", lambda *_, **__: rivals)
+    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
+    bares = {proposal_of(PAPER, mass).label: bare}
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, mass),), offer=SERVING)
+    causes, shifts = cause_naming.named(
+        found, evaluation(-50.0, 2e-3), bares, (), [mass], 0.85e-3, 0.5e-3
+    )
+    assert causes[0].rivals == ({"constant_force": {"x": 0.3}} if acts else {})
+    told = Explanation(at, at, causes, 0.0, 0.0, 0.0, (), (), shifts)
+    assert told.stiffness_doubt == pytest.approx(np.log(3.0) if acts else 0.0)
 
 
 @pytest.mark.parametrize(("alone", "named"), [(5e-3, ["hysteresis"]), (1.1e-3, [])])

@@ -49,7 +49,7 @@ def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch,
     at, bare = evaluation(100.0), evaluation(60.0)
     found = cause_naming._rivals(at, bare, tilt, (), (), object(), complete=True)
     assert list(found) == rivals
-    assert not rivals or found["constant_force"] == {"x": 0.3}
+    assert not rivals or found["constant_force"][1] == {"x": 0.3}
 
 
 @pytest.mark.parametrize(("complete", "gain", "rivals"), [
@@ -67,4 +67,4 @@ def test_beside_a_missing_cause_a_plug_as_heavy_is_a_rival_of_a_mass(
     at, bare = evaluation(100.0), evaluation(60.0)
     mass = SimpleNamespace(effect="point_mass")
     found = cause_naming._rivals(at, bare, mass, (), (), object(), complete=complete)
-    assert found == {name: {"mass": 0.01} for name in rivals}
+    assert found == {name: (plug, {"mass": 0.01}) for name in rivals}

@@ -175,7 +175,7 @@ def named(
     complete: bool = True,
 ) -> tuple[tuple[Cause, ...], dict[str, float]]:  # fmt: skip
     """The causes without which the best model is clearly worse, numbers of the set-up among them,
-    and the change of ln(E / mu) without each effect that was added.
+    and the change of ln(E / mu) without each effect that was added, or with a rival in its place.
 
     What lies within its tolerance, or is no part of every set-up, is none where all that it
     explains is immaterial, or takes away less than `least` [m] of ERR: beside a cause whose true
@@ -200,6 +200,7 @@ def named(
     """
     at, offer = found.at, found.offer
     result, shifts = [], {}
+    instead: dict[str, float] = {}
     shared: list[tuple[float, Proposal]] = []
     judge = _Judge(at, recordings, own, least, exact)
     for group in (*found.causes, *beyond(at)):
@@ -221,12 +222,15 @@ def named(
         if judge.matters(group, bare):
             offer = offered(at, recordings, begun, offer)
             others = _rivals(at, bare, group, recordings, begun, offer, complete=complete)
-            result.append(_cause(group, others, at, bare))
+            instead |= {effect: _log_ratio(e) - _log_ratio(at) for effect, (e, _) in others.items()}
+            blocks = {effect: values for effect, (_, values) in others.items()}
+            result.append(_cause(group, blocks, at, bare))
         elif twins := strained(bare, at):
             values = bare.model.settings.effects
             both = tuple(p for g in (group, *twins) for p in g.parameters)
             neither = without(at, replace(group, parameters=both), recordings, wholly=True) or bare
             rivals = {t.effect: values[t.effect] for t in twins if t.effect in values}
+            instead |= dict.fromkeys(rivals, _log_ratio(bare) - _log_ratio(at))
             result.append(_cause(group, rivals, at, neither))
         elif group.start is not None:
             shared.append((_loss_without(at, bare), group))
@@ -237,7 +241,9 @@ def named(
             effects = at.model.settings.effects
             others = {c.effect: effects[c.effect] for _, c in shared if c.effect != first.effect}
             result.append(_cause(first, others, at, setup))
-    return _merged(result), shifts
+    causes = _merged(result)
+    told = {rival for cause in causes for rival in cause.rivals}
+    return causes, shifts | {r: instead[r] for r in told & instead.keys()}
 
 
 @dataclass(frozen=True)
@@ -320,21 +326,22 @@ def _merged(causes: Sequence[Cause]) -> tuple[Cause, ...]:
 def _rivals(
     at: Evaluation, bare: Evaluation, group: Proposal, recordings: Sequence[Recording],
     begun: Sequence[Start], offer: Offer, *, complete: bool,
-) -> dict[str, Block]:  # fmt: skip
-    """Effects that explain the data as well where a group is at neutral, with their values.
+) -> dict[str, tuple[Evaluation, Block]]:  # fmt: skip
+    """Effects that explain the data as well where a group is at neutral, fitted, with their values.
 
     While other causes are missing, evidence tells two of them apart no better than `CLEARLY_LESS`.
     """
     loss = _loss_without(at, bare)
     missing = loss - max(WORTH, SAME_GAIN * loss) if complete else CLEARLY_LESS * loss
-    result: dict[str, Block] = {}
+    result: dict[str, tuple[Evaluation, Block]] = {}
 
     def taken(trial: Trial) -> None:
         there, proposal = trial
         if _loss_without(there, bare) >= missing:
             values = there.model.settings.effects.get(proposal.effect, {})
             fitted_ = {split_name(p.name)[1] for p in proposal.parameters if p.effect}
-            result[proposal.effect] = {key: v for key, v in values.items() if key in fitted_}
+            block = {key: v for key, v in values.items() if key in fitted_}
+            result[proposal.effect] = there, block
 
     for trial in in_its_place((at, group), recordings, begun):
         taken(trial)

@@ -82,7 +82,7 @@ class Explanation:
         proposals: all that the search has added or freed, certain or not.
         trace: every candidate of every step.
         stiffness_shifts: change of ln(E / mu) where an added effect is left out, or a damping has
-            its guess, by the effect's name.
+            its guess, or a rival stands in a cause's place, by the effect's name.
         exact: whether the set-up is as precise as the data tell, see `exact_setup`.
         contact: what may have been hit; None: nothing.
         naming: function that gives the causes and the changes of ln(E / mu) without them, where
@@ -116,7 +116,7 @@ class Explanation:
     @property
     def stiffness_doubt(self) -> float:
         """Largest change of ln(E / mu) by what the model contains although it is no certain
-        cause.
+        cause, or by a rival of one.
         """
         named = {c.effect for c in self.causes}
         shifts = self.stiffness_shifts.items()
