@@ -221,9 +221,9 @@ def named(
             continue
         if judge.matters(group, bare):
             offer = offered(at, recordings, begun, offer)
-            others = _rivals(at, bare, group, recordings, begun, offer, complete=complete)
-            instead |= {effect: _log_ratio(e) - _log_ratio(at) for effect, (e, _) in others.items()}
-            blocks = {effect: values for effect, (_, values) in others.items()}
+            fits = _rivals(at, bare, group, recordings, begun, offer, complete=complete)
+            instead |= {effect: _log_ratio(e) - _log_ratio(at) for effect, (e, _) in fits.items()}
+            blocks = {effect: block for effect, (_, block) in fits.items()}
             result.append(_cause(group, blocks, at, bare))
         elif twins := strained(bare, at):
             values = bare.model.settings.effects
