@@ -4,14 +4,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cache
-from typing import Any, ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from dlo_ros.command import Command
+from dlo_ros.effects.equivalence import Equivalence
 from dlo_ros.effects.quantity import Quantity, RopeScale, described, quantity
 from dlo_ros.effects.start import INNER_PLACES, Block, PlainRod, Scene, Start, Value
 from dlo_ros.errors import ParameterError
@@ -230,7 +231,7 @@ class Body:
         return result
 
 
-class Effect:
+class Effect(Equivalence):
     """One cause of a difference between the plain model and a real DLO.
 
     A subclass is a frozen dataclass whose fields are made by `quantity`. It overrides what it
@@ -311,23 +312,6 @@ class Effect:
     def true(self, points: FloatArray) -> FloatArray:
         """The inverse of `measured`."""
         return points
-
-    @classmethod
-    def instead_of(
-        cls, fitted: PlainRod, guessed: PlainRod, begun: Sequence[Start]
-    ) -> tuple[Self, PlainRod] | None:
-        """The effect for which a fitted plain rod may stand, where no derivative leads to it, and
-        the plain rod beside that effect; by default none.
-
-        Args:
-            guessed: that of the parameter file.
-            begun: the effect's starts, whose sizes suit the recordings.
-        """
-        return None
-
-    def taken_for(self, beside: PlainRod) -> PlainRod:
-        """The plain rod that may stand for one with this effect, see `instead_of`."""
-        return beside
 
     @classmethod
     @cache

@@ -13,10 +13,18 @@ from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
 
 
 @lru_cache(maxsize=32)
+def quadrature(basis: SplineBasis) -> tuple[FloatArray, FloatArray]:
+    """Points along u and weights [m] for the distance of two shapes, shape (Q,).
+
+    It has corners where they cross; a finer rule than the basis' own sees them.
+    """
+    return SplineBasis(4 * basis.spans + DEGREE, basis.length).quadrature()
+
+
+@lru_cache(maxsize=32)
 def _rule(control_points: int, length: float) -> tuple[FloatArray, FloatArray]:
     basis = SplineBasis(control_points, length)
-    # The distance has corners where two shapes cross; a finer rule than the basis' own sees them.
-    u, weight = SplineBasis(4 * basis.spans + DEGREE, length).quadrature()
+    u, weight = quadrature(basis)
     return basis.matrix(u), weight
 
 

@@ -14,6 +14,7 @@ from dlo_ros.inference.forecast import Forecast, forecast
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parallel import Threads
 from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.slide import slid
 from dlo_ros.inference.spectrum import Spectrum, spectrum
 from dlo_ros.inference.variances import (
     ITERATIONS,
@@ -46,7 +47,8 @@ class Simulated:
         model: model with its values.
         fields: residual coefficients [m], shape (F, K), and their derivatives, shape (F, P, K), of
             each recording.
-        err: eq. (10) per recording and frame [m].
+        err: eq. (10) per recording and frame [m]; of measured points without the slide of u, see
+            `slide`.
         predicted: control points per recording [m], shape (F, n, 4).
         motions: power of each recording's motion, see `motion_power`.
     """
@@ -121,9 +123,13 @@ def simulate(
         if _boundless(here[1], model, wanted):
             here = here[0], differences(model, recording, wanted, here[0])
         fields.append(here)
-    err, predicted = (f.err for f in forecasts), (f.predicted for f in forecasts)
+    predicted = tuple(f.predicted for f in forecasts)
+    err = tuple(
+        f.err if r.beyond is None else slid(r, f.predicted, model.settings.rod.length).err
+        for r, f in zip(recordings, forecasts, strict=True)
+    )
     motions = tuple(r.motion for r in recordings)
-    return Simulated(model, tuple(fields), tuple(err), tuple(predicted), motions)
+    return Simulated(model, tuple(fields), err, predicted, motions)
 
 
 def _boundless(jacobian: FloatArray, model: ParametricModel, names: Sequence[str]) -> bool:

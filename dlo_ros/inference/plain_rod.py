@@ -10,7 +10,7 @@ in a limit, both lie near one another, and a fit goes on from there.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from dlo_ros.effects import Effect, PlainRod, Start, effects
 from dlo_ros.inference.parameter import Parameter, ParametricModel, value_of
@@ -27,14 +27,43 @@ def instead_of_plain(
     Args:
         begun: starts of effects that might be added.
     """
-    found = []
     guessed = model.centred([p.name for p in model.parameters if not p.effect])
+    fitted = _plain(model)
+    return _begun_with(model, begun, lambda e, own: e.instead_of(fitted, _plain(guessed), own))
+
+
+def instead_of_law(
+    model: ParametricModel, name: str, begun: Sequence[Start]
+) -> list[tuple[Start, ParametricModel]]:
+    """Models with another law each, by which as much of the stiffness gives way, in its place.
+
+    Args:
+        name: of the effect.
+        begun: starts of effects that might be added.
+    """
+    given = effects()[name](**model.settings.effects[name]).giving_way(_plain(model))
+    if given is None:
+        return []
+    bare = model.without([p.name for p in model.parameters if p.effect == name])
+    others = [s for s in begun if s.effect != name and s.effect not in bare.settings.effects]
+    return _begun_with(bare, others, lambda e, own: e.that_gives_way(*given, own))
+
+
+def _begun_with(
+    model: ParametricModel, begun: Sequence[Start],
+    instead: Callable[[type[Effect], Sequence[Start]], tuple[Effect, PlainRod] | None],
+) -> list[tuple[Start, ParametricModel]]:  # fmt: skip
+    """Models with an effect each, at the values that a function gives, and the plain rod beside it.
+
+    Args:
+        instead: that function, of an effect and its starts; None: it does not begin there.
+    """
+    found = []
     for start in {s.effect: s for s in begun}.values():
-        own = [s for s in begun if s.effect == start.effect]
-        instead = effects()[start.effect].instead_of(_plain(model), _plain(guessed), own)
-        if instead is None:
+        values = instead(effects()[start.effect], [s for s in begun if s.effect == start.effect])
+        if values is None:
             continue
-        effect, rod = instead
+        effect, rod = values
         parameters, _ = cause_priors(model.settings, start)
         if _looked_for(effect, parameters):
             begins = _with_plain(model, rod)

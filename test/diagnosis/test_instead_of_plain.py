@@ -12,6 +12,8 @@ from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.effects import PlainRod, effects, starts
 from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.inference.joint_fit import ITERATIONS, fit
+from dlo_ros.inference.plain_rod import instead_of_law
+from dlo_ros.inference.priors import cause_priors
 
 CREEP = {"share": 0.7, "time": 0.3}
 FRICTION = {"moment": 0.001, "curvature": 3.0}
@@ -87,6 +89,41 @@ def test_what_stands_for_a_plain_rod_is_taken_for_it(name, creeping):
         return
     other, beside = instead
     assert np.allclose(other.taken_for(beside), fitted)
+
+
+@pytest.mark.parametrize("name", sorted(effects()))
+def test_the_law_by_which_stiffness_gives_way_says_how_much(name, creeping):
+    effect, scene = effects()[name], creeping[0].scene
+    begun = [s for s in starts(scene) if s.effect == name]
+    stiff = PlainRod(9e6, 0.01, 2e-10)
+    found = effect.that_gives_way(0.4, stiff, begun)
+    assert (found is not None) == (name in ("viscoelasticity", "hysteresis"))
+    if found is None:
+        assert effect().giving_way(stiff) is None
+        return
+    law, beside = found
+    share, whole = law.giving_way(beside)
+    assert share == pytest.approx(0.4) and np.allclose(whole, stiff)
+
+
+def test_of_two_laws_by_which_stiffness_gives_way_each_begins_in_the_other_s_place(creeping):
+    meant, begun = creeping[0].meant, starts(creeping[0].scene)
+    of_friction = next(s for s in begun if s.effect == "hysteresis")
+    parameters, _ = cause_priors(meant.settings, of_friction)
+    model = meant.extended("hysteresis", {"moment": 2e-3, "curvature": 4.0}, parameters)
+    ((start, creep),) = instead_of_law(model, "hysteresis", begun)
+    assert start.effect == "viscoelasticity" and "hysteresis" not in creep.settings.effects
+    rod, before = creep.settings.rod, model.settings.rod
+    more = 2e-3 / 4.0 / before.second_moment
+    assert rod.young_modulus == pytest.approx(before.young_modulus + more)
+    share = creep.settings.effects["viscoelasticity"]["share"]
+    assert share == pytest.approx(more / rod.young_modulus)
+    ((start, again),) = instead_of_law(creep, "viscoelasticity", begun)
+    assert start.effect == "hysteresis"
+    assert again.settings.rod.young_modulus == pytest.approx(before.young_modulus)
+    assert instead_of_law(model, "gravity_tilt", begun) == []
+    both = [s for s in begun if s.effect != "viscoelasticity"]
+    assert instead_of_law(model, "hysteresis", both) == []
 
 
 def test_a_damping_below_its_guess_stands_for_no_creep():

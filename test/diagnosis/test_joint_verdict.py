@@ -12,7 +12,7 @@ from rods import PAPER
 from dlo_ros.diagnosis.explain import measurement_error
 from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation
-from dlo_ros.diagnosis.explain.measurement_error import _along, _staying
+from dlo_ros.diagnosis.explain.measurement_error import _staying
 from dlo_ros.diagnosis.findings import joint_outcome
 from dlo_ros.diagnosis.findings.holdout import held_out_recording, refitted
 from dlo_ros.diagnosis.findings.joint_learning import (
@@ -87,16 +87,6 @@ def test_errors_that_stay_are_those_that_each_recording_shows():
         assert across < 0.01 * own
 
 
-def test_u_that_is_counted_from_another_place_is_an_error_of_the_measurement():
-    """A straight DLO whose u begins 3 mm beside where it was taken to begin."""
-    settings = replace(PAPER, rod=replace(PAPER.rod, length=0.5, control_points=10))
-    shape = np.zeros((10, 4))
-    shape[:, 0] = SplineBasis(10, 0.5).greville
-    recording = SimpleNamespace(observed=np.array([shape, shape])[..., :3])
-    predicted = np.array([shape, shape]) + np.array([0.003, 0.0, 0.001, 0.0])
-    assert _along(recording, predicted, settings) == pytest.approx(0.003**2)
-
-
 @pytest.mark.parametrize(
     ("spare", "held", "seen", "surprised"),
     [
@@ -160,7 +150,9 @@ def own_err(monkeypatch, noises, still=(), free=(), along=1e-6, slides=()):
         measurement_error, "_stretched", lambda _, ends, __: (len(ends) * along**2, len(ends))
     )
     errors = iter(slides)
-    monkeypatch.setattr(measurement_error, "_along", lambda *_: next(errors) ** 2)
+    monkeypatch.setattr(
+        measurement_error, "slid", lambda *_: SimpleNamespace(along_square=next(errors) ** 2)
+    )
     settings = SimpleNamespace(rod=SimpleNamespace(length=1.0))
     at = SimpleNamespace(
         model=SimpleNamespace(settings=settings), variances=noises, spectra=[None] * len(noises),

@@ -24,6 +24,7 @@ from dlo_ros.inference.joint import Evaluation, evaluate, simulate
 from dlo_ros.inference.joint_fit import settled
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.plain_rod import instead_of_law
 
 LOG = logging.getLogger(__name__)
 
@@ -98,14 +99,28 @@ def _nearer_with(
 def in_its_place(
     trial: Trial, recordings: Sequence[Recording], begun: Sequence[Start]
 ) -> list[Trial]:
-    """Fits of other effects, as large, in the place of one that may begin far away.
+    """Fits of other effects that do much of what an effect does, in its place.
 
-    A plug does nearly what a mass does, and E and damping are near its own beside the mass.
+    A plug as large does nearly what a mass does, and E and damping are near its own beside the
+    mass; a creep by which as much of the stiffness gives way does what a friction within the DLO
+    does. No derivative leads from the one to the other.
 
     Args:
-        begun: effects that might be added; those that begin far away are tried.
+        begun: effects that might be added.
     """
     at, proposal = trial
+    found = [_settled(*row, recordings) for row in _as_large(at, proposal, begun)]
+    if proposal.start is not None:
+        for start, model in instead_of_law(at.model, proposal.effect, begun):
+            other = proposal_of(at.model.settings, start)
+            found.append(_settled(model, other, recordings))
+    return [other for other in found if other is not None]
+
+
+def _as_large(
+    at: Evaluation, proposal: Proposal, begun: Sequence[Start]
+) -> list[tuple[ParametricModel, Proposal]]:
+    """Models with another effect, as large, in the place of one that may begin far away."""
     afar = [s for s in begun if s.afar]
     if all(s.effect != proposal.effect for s in afar):
         return []
@@ -117,8 +132,7 @@ def in_its_place(
         if all(block != other.block for other in others):
             others.append(replace(start, block=block))
     proposals = [proposal_of(bare.settings, start) for start in others]
-    found = [_settled(with_proposals(bare, [p])[0], p, recordings) for p in proposals]
-    return [other for other in found if other is not None]
+    return [(with_proposals(bare, [p])[0], p) for p in proposals]
 
 
 def _settled(

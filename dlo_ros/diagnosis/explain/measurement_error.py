@@ -9,8 +9,9 @@ import numpy as np
 
 from dlo_ros.command import END
 from dlo_ros.inference.joint import Evaluation
-from dlo_ros.inference.measured import Recording, spline_space
+from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.scene import free_ends
+from dlo_ros.inference.slide import slid
 from dlo_ros.inference.smooth_modes import whitening
 from dlo_ros.inference.spectrum import Spectrum
 from dlo_ros.inference.thresholds import (
@@ -69,7 +70,7 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
         found.append(np.minimum(noise, most) + counts * staying)
         slides.append(counts * float(_credible(np.array(stretched), most)))
         if recording.beyond is not None:
-            slides[-1] += min(_along(recording, predicted, at.model.settings), most)
+            slides[-1] += min(slid(recording, predicted, length).along_square, most)
         telling.append(not still and len(recording.times) >= FEWEST_FRAMES)
     whole = [_size(v, u) for v, u in zip(found, slides, strict=True)]
     bare = [_size(v, 0.0) for v in found]
@@ -135,19 +136,6 @@ def _stretched(
     fitted = columns @ np.linalg.lstsq(columns, stays, rcond=None)[0]
     size = float(np.sum(fitted**2))
     return size, size / max(float(np.sum(stays**2)), TINY)
-
-
-def _along(recording: Recording, predicted: FloatArray, settings: Settings) -> float:
-    """Mean square by which a recording's splines lie along the DLO from a simulation [m^2].
-
-    Residuals of measured points hold next to nothing of it: a camera sees u where it sees an end,
-    and counts it from where a clamp should be.
-    """
-    seen, n = recording.observed[-len(predicted) :], predicted.shape[1]
-    along = spline_space(seen, settings)[:, n : 2 * n]
-    return float(
-        np.mean(np.sum(np.einsum("fknc,fnc->fk", along, seen - predicted[..., :3]) ** 2, axis=1))
-    )
 
 
 def _noise(variances: Variances, recording: Recording) -> FloatArray:

@@ -46,16 +46,28 @@ class Hysteresis(Effect):
         cls, fitted: PlainRod, guessed: PlainRod, begun: Sequence[Start]
     ) -> tuple[Self, PlainRod] | None:
         """The friction with which a softer rod has small bends as stiff as those of the fitted."""
-        turns = np.array([s.block["curvature"] for s in begun], dtype=np.float64)
-        turn = float(np.exp(np.mean(np.log(turns))))
-        stiffness = TAKEN_SHARE * fitted.young_modulus * fitted.second_moment
-        softer = fitted._replace(young_modulus=(1.0 - TAKEN_SHARE) * fitted.young_modulus)
-        return cls(stiffness * turn, turn), softer
+        return cls.that_gives_way(TAKEN_SHARE, fitted, begun)
 
     def taken_for(self, beside: PlainRod) -> PlainRod:
         """See the class: the limit of small bends."""
+        return self.giving_way(beside)[1]
+
+    def giving_way(self, beside: PlainRod) -> tuple[float, PlainRod]:
+        """See the base class: what the friction adds to the stiffness against small bends."""
         more = self.moment / self.curvature / beside.second_moment
-        return beside._replace(young_modulus=beside.young_modulus + more)
+        stiff = beside._replace(young_modulus=beside.young_modulus + more)
+        return more / stiff.young_modulus, stiff
+
+    @classmethod
+    def that_gives_way(
+        cls, share: float, stiff: PlainRod, begun: Sequence[Start]
+    ) -> tuple[Self, PlainRod]:
+        """See the base class."""
+        turns = np.array([s.block["curvature"] for s in begun], dtype=np.float64)
+        turn = float(np.exp(np.mean(np.log(turns))))
+        stiffness = share * stiff.young_modulus * stiff.second_moment
+        beside = stiff._replace(young_modulus=(1.0 - share) * stiff.young_modulus)
+        return cls(stiffness * turn, turn), beside
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:

@@ -72,3 +72,15 @@ class Viscoelasticity(Effect):
             young_modulus=left * beside.young_modulus,
             relaxation_time=beside.relaxation_time + slow,
         )
+
+    def giving_way(self, beside: PlainRod) -> tuple[float, PlainRod]:
+        """See the base class."""
+        return self.share, beside
+
+    @classmethod
+    def that_gives_way(
+        cls, share: float, stiff: PlainRod, begun: Sequence[Start]
+    ) -> tuple[Self, PlainRod]:
+        """See the base class: the time is the middle one of the starts."""
+        times = sorted(float(s.block["time"]) for s in begun)  # type: ignore[arg-type]  # one number
+        return cls(share, times[len(times) // 2]), stiff
