@@ -20,6 +20,7 @@ from dlo_ros.cli.control_points import with_control_points
 from dlo_ros.cli.observe import observe_recording, uncommanded_shapes
 from dlo_ros.cli.observe_points import ObservedPoints, observe_points, observes_points
 from dlo_ros.cli.observe_space import ObservedFrame
+from dlo_ros.cli.refusals import Refusals
 from dlo_ros.command import Motion
 from dlo_ros.compilation import compile_first
 from dlo_ros.errors import InputError, RecordingError
@@ -211,12 +212,12 @@ def _usable(
     Raises:
         RecordingError: there is none.
     """
-    found = []
+    found, refusals = [], Refusals()
     for each in observed:
         if each.result is None:
-            reason = each.reason
+            refusals.add(each.reason)
         else:
             found.append(each.result.observation)
     if not found:
-        raise RecordingError(f"{none} shows a credible DLO ({reason})")
+        raise RecordingError(f"{none} shows a credible DLO ({refusals.main(reason)})")
     return found

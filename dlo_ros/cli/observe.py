@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import logging
 import sys
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -21,6 +21,7 @@ from dlo_ros.cli.control_points import CHOSEN_BY, chosen, with_control_points
 from dlo_ros.cli.observe_points import observe_points_bag, observes_points
 from dlo_ros.cli.observe_space import ObservedFrame, observe_together, watches_space
 from dlo_ros.cli.progress import progress_bar
+from dlo_ros.cli.refusals import Refusals
 from dlo_ros.cli.results import check_results_folder
 from dlo_ros.command import Motion
 from dlo_ros.compilation import compile_first
@@ -216,7 +217,7 @@ def _observe_bag(
     if output.exists() and path.exists() and output.resolve() == path.resolve():
         raise RecordingError(f"{output}: is the input; give the output another name")
     frame_id = settings.frame_id
-    reasons: Counter[str] = Counter()
+    refusals = Refusals()
     found: list[VisionResult] = []
     offsets: list[float] = []
     with (
@@ -235,21 +236,20 @@ def _observe_bag(
                 assert overlays is not None
                 _write_image(overlays / f"{path.name}_{frame.stamp}{end}.png", picture)
             if frame.result is None:
-                reasons[frame.reason] += 1
+                refusals.add(frame.reason)
                 continue
             for topic, message in observation_messages(frame_id, frame.result.observation):
                 writer.write(topic, message, frame.stamp)
             found.append(frame.result)
         if not found:
-            _doubt_commands(path, settings, found, sum(reasons.values()))
-            reason = reasons.most_common(1)[0][0]
-            raise InputError(f"{path}: no image shows a credible DLO ({reason})")
+            _doubt_commands(path, settings, found, refusals.total)
+            raise InputError(f"{path}: no image shows a credible DLO ({refusals.main()})")
         copy_topics(path, writer, exclude=(topics.OBSERVED, topics.OBSERVED_POINTS))
     seen = 100.0 * float(np.mean([r.fraction_seen for r in found]))
     residual = 1000.0 * float(np.median([r.residual for r in found]))
     length = float(np.median([r.seen_length for r in found]))
     print(
-        f"{output}: {len(found)} of {len(found) + sum(reasons.values())} images show the DLO, "
+        f"{output}: {len(found)} of {len(found) + refusals.total} images show the DLO, "
         f"{seen:.0f} % of it seen, {length:.4g} m long (rod.length {settings.rod.length:.4g} m), "
         f"spline within {residual:.2f} mm (median)"
     )
@@ -258,9 +258,9 @@ def _observe_bag(
             f"  stamps of the cameras' images {1000 * np.median(offsets):.1f} ms apart (median; "
             f"largest {1000 * max(offsets):.1f} ms)"
         )
-    for reason, count in reasons.most_common(5):
+    for reason, count in refusals.commonest(5):
         print(f"  {count} without: {reason}")
-    _doubt_commands(path, settings, found, sum(reasons.values()))
+    _doubt_commands(path, settings, found, refusals.total)
     advice = _advice(found, settings)
     if advice:
         print(f"  {advice}")

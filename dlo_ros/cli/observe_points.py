@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import logging
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dlo_ros.cli.progress import progress_bar
+from dlo_ros.cli.refusals import Refusals
 from dlo_ros.command import Motion
 from dlo_ros.errors import InputError, RecordingError, VisionError
 from dlo_ros.parameters import Settings
@@ -96,30 +96,30 @@ def observe_points_bag(path: Path, settings: Settings, output: Path, *, force: b
         raise RecordingError(f"{output}: is the input; give the output another name")
     with open_bag(path) as bag:
         total = sum(c.msgcount for c in bag.find(topics.POINTS))
-    reasons: Counter[str] = Counter()
+    refusals = Refusals()
     found: list[PointResult] = []
     with BagWriter(output, force=force) as writer, progress_bar() as progress:
         task = progress.add_task("Observing", total=total)
         for each in observe_points(path, settings):
             progress.advance(task)
             if each.result is None:
-                reasons[each.reason] += 1
+                refusals.add(each.reason)
                 continue
             for topic, message in observation_messages(settings.frame_id, each.result.observation):
                 writer.write(topic, message, each.stamp)
             found.append(each.result)
         if not found:
-            reason = reasons.most_common(1)[0][0]
+            reason = refusals.main()
             raise InputError(f"{path}: no list of points shows a credible DLO ({reason})")
         copy_topics(path, writer, exclude=(topics.OBSERVED, topics.OBSERVED_POINTS))
     beside = 100.0 * float(np.mean([r.outliers for r in found]))
     noise = 1000.0 * float(np.median([r.std for r in found]))
     length = float(np.median([r.seen_length for r in found]))
     print(
-        f"{output}: {len(found)} of {len(found) + sum(reasons.values())} lists of points show the "
+        f"{output}: {len(found)} of {len(found) + refusals.total} lists of points show the "
         f"DLO, {length:.4g} m long (rod.length {settings.rod.length:.4g} m), points scatter by "
         f"{noise:.2g} mm (median), {beside:.1f} % of them lie beside it"
     )
-    for reason, count in reasons.most_common(5):
+    for reason, count in refusals.commonest(5):
         print(f"  {count} without: {reason}")
     return 0
