@@ -30,7 +30,9 @@ def hit(err=1e-3):
     shapes = np.zeros((3, PAPER.rod.control_points, 4))
     along = np.linspace(PAPER.rod.length, 0.0, PAPER.rod.control_points)
     shapes[..., [0, 2]] = TIP + along[:, None] * normal(ANGLE)
-    return SimpleNamespace(model=model, predicted=(shapes,), mean_err=err)
+    return SimpleNamespace(
+        model=model, predicted=(shapes,), mean_err=err, posterior=SimpleNamespace(evidence=0.0)
+    )
 
 
 def test_pegs_touch_the_dlo_where_the_wall_does():
@@ -43,14 +45,14 @@ def test_pegs_touch_the_dlo_where_the_wall_does():
 
 
 @pytest.mark.parametrize(
-    ("err", "named", "rivals"),
+    ("err", "evidence", "named", "rivals"),
     [
-        (0.5e-3, "obstacle", []), (1e-3, "wall", ["obstacle"]), (1.3e-3, "wall", []),
-        (None, "wall", []),
+        (0.5e-3, -50.0, "obstacle", []), (1e-3, 0.0, "wall", ["obstacle"]),
+        (1e-3, 50.0, "obstacle", ["wall"]), (1.3e-3, 50.0, "wall", []), (None, 0.0, "wall", []),
     ],
 )  # fmt: skip
-def test_a_peg_that_comes_nearer_is_taken_and_one_as_near_is_a_rival(
-    monkeypatch, err, named, rivals
+def test_a_peg_that_comes_nearer_is_taken_and_one_as_near_is_a_rival_or_has_it(
+    monkeypatch, err, evidence, named, rivals
 ):
     at = hit()
     found = Search(at, (WALL,), (), None)
@@ -60,16 +62,21 @@ def test_a_peg_that_comes_nearer_is_taken_and_one_as_near_is_a_rival(
         assert draft
         assert set(model.settings.effects) == {"obstacle"}
         tried.append(model)
-        return None if err is None else SimpleNamespace(model=model, mean_err=err)
+        return None if err is None else SimpleNamespace(model=model, mean_err=1.5 * err)
+
+    def fit(begun, *_):
+        posterior = SimpleNamespace(evidence=evidence)
+        ended.append(SimpleNamespace(model=begun.model, mean_err=err, posterior=posterior))
+        return ended[-1]
 
     monkeypatch.setattr(module, "fitted", fitted)
     monkeypatch.setattr(module, "nearest_err", lambda e, _: e.mean_err)
-    monkeypatch.setattr(module, "fit", lambda e, *_: ended.append(e) or e)
+    monkeypatch.setattr(module, "fit", fit)
     after, contact = with_peg_or_wall(found, None, ())
     assert len(tried) > 1
     assert [c.effect for c in after.causes] == [named]
     assert (after.at is at) == (named == "wall")
-    assert len(ended) == (named == "obstacle")  # only what is taken is fitted to its end
+    assert len(ended) == (err is not None)  # one of them is fitted to its end
     assert list(contact.rivals if contact else {}) == rivals
     if contact:  # beside a model that lacks something the other one may be as right
         other = {"wall": "obstacle", "obstacle": "wall"}[named]
