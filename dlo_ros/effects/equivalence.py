@@ -1,8 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What an effect has in common with a plain rod, or with another effect.
+"""Properties that an effect shares with a plain rod, or with another effect.
 
 A fit finds what does nearly the same work first, in a minimum of its own, from which no derivative
-leads to the effect. Where effects say what they have in common, a search begins there as well.
+leads to the effect. Where effects state them, a search begins there as well.
 """
 
 from __future__ import annotations

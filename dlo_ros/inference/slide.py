@@ -16,10 +16,9 @@ import numpy as np
 from dlo_ros.command import END, START
 from dlo_ros.inference.err import quadrature
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.observation_operator import directions
 from dlo_ros.inference.scene import free_ends
 from dlo_ros.spline import FloatArray, SplineBasis
-
-TINY = 1e-300
 
 
 @dataclass(frozen=True)
@@ -58,8 +57,7 @@ def slid(recording: Recording, predicted: FloatArray, length: float) -> Apart:
     values, slopes, share, weight = _tables(basis)
     observed = recording.observed[-len(predicted) :]
     whole = values @ (observed - predicted[..., :3])
-    tangent = slopes @ observed
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=2, keepdims=True), TINY)
+    _, tangent, _ = directions(slopes @ observed)
     along = np.sum(whole * tangent, axis=2)
     free = free_ends(recording.manipulation, predicted.shape[1])
     held = [profile for end, profile in ((START, 1.0 - share), (END, share)) if end not in free]
