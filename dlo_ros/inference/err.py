@@ -13,19 +13,16 @@ from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
 
 
 @lru_cache(maxsize=32)
-def quadrature(basis: SplineBasis) -> tuple[FloatArray, FloatArray]:
-    """Points along u and weights [m] for the distance of two shapes, shape (Q,).
+def rule(basis: SplineBasis) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Points along u [m], basis functions there, and weights [m] for the distance of two shapes.
 
-    It has corners where they cross; a finer rule than the basis' own sees them.
+    It has corners where they cross; a finer quadrature than the basis' own sees them.
+
+    Returns:
+        Shapes (Q,), (Q, n) and (Q,).
     """
-    return SplineBasis(4 * basis.spans + DEGREE, basis.length).quadrature()
-
-
-@lru_cache(maxsize=32)
-def _rule(control_points: int, length: float) -> tuple[FloatArray, FloatArray]:
-    basis = SplineBasis(control_points, length)
-    u, weight = quadrature(basis)
-    return basis.matrix(u), weight
+    u, weight = SplineBasis(4 * basis.spans + DEGREE, basis.length).quadrature()
+    return u, basis.matrix(u), weight
 
 
 @dataclass(frozen=True)
@@ -79,5 +76,5 @@ def _apart(a: FloatArray, b: FloatArray, basis: SplineBasis) -> tuple[FloatArray
     Args:
         a, b: shape (..., n, 3) or more columns.
     """
-    matrix, weight = _rule(basis.control_points, basis.length)
+    _, matrix, weight = rule(basis)
     return np.linalg.norm(matrix @ (a[..., :3] - b[..., :3]), axis=-1), weight

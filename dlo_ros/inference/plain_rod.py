@@ -27,9 +27,9 @@ def instead_of_plain(
     Args:
         begun: starts of effects that might be added.
     """
-    guessed = model.centred([p.name for p in model.parameters if not p.effect])
+    guessed = _plain(model.centred([p.name for p in model.parameters if not p.effect]))
     fitted = _plain(model)
-    return _begun_with(model, begun, lambda e, own: e.instead_of(fitted, _plain(guessed), own))
+    return _begun_with(model, begun, lambda e, own: e.instead_of(fitted, guessed, own))
 
 
 def instead_of_law(

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from dlo_ros.command import END, START
-from dlo_ros.inference.err import quadrature
+from dlo_ros.inference.err import rule
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.observation_operator import directions
 from dlo_ros.inference.scene import free_ends
@@ -54,10 +54,11 @@ def slid(recording: Recording, predicted: FloatArray, length: float) -> Apart:
         length: L [m].
     """
     basis = SplineBasis(predicted.shape[1], length)
-    values, slopes, share, weight = _tables(basis)
+    u, values, weight = rule(basis)
+    share, weight = u / length, weight / length
     observed = recording.observed[-len(predicted) :]
     whole = values @ (observed - predicted[..., :3])
-    _, tangent, _ = directions(slopes @ observed)
+    _, tangent, _ = directions(_slopes(basis) @ observed)
     along = np.sum(whole * tangent, axis=2)
     free = free_ends(recording.manipulation, predicted.shape[1])
     held = [profile for end, profile in ((START, 1.0 - share), (END, share)) if end not in free]
@@ -68,7 +69,6 @@ def slid(recording: Recording, predicted: FloatArray, length: float) -> Apart:
 
 
 @lru_cache(maxsize=32)
-def _tables(basis: SplineBasis) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Basis functions and their slopes at the points of the rule, u / L there, and weights."""
-    u, weight = quadrature(basis)
-    return basis.matrix(u), basis.matrix(u, 1), u / basis.length, weight / basis.length
+def _slopes(basis: SplineBasis) -> FloatArray:
+    """First derivatives of the basis functions at the points of the rule, shape (Q, n)."""
+    return basis.matrix(rule(basis)[0], 1)

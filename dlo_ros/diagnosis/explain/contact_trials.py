@@ -33,6 +33,17 @@ class Contact:
     rivals: Rivals
     farther: Rivals = field(default_factory=dict)
 
+    @classmethod
+    def of(cls, first: Trial, second: Trial, *, as_near: bool) -> Contact:
+        """What was hit, and what may have been hit instead.
+
+        Args:
+            as_near: whether the second comes as near to the shapes.
+        """
+        at, proposal = second
+        other = {proposal.effect: at.model.settings.effects[proposal.effect]}
+        return cls(first, other) if as_near else cls(first, {}, other)
+
     def instead(self, *, complete: bool) -> Rivals:
         """The rivals of what was hit, beside a model that is complete or lacks something."""
         return self.rivals if complete else {**self.farther, **self.rivals}
@@ -65,8 +76,5 @@ def best_contact(
         only = flat or round_
         return None if only is None else Contact(only, {})
     first, second = (flat, round_) if gains(flat, round_[0]) else (round_, flat)
-    effect = second[1].effect
-    other = {effect: second[0].model.settings.effects[effect]}
-    if (1.0 - LOWERS) * second[0].mean_err > first[0].mean_err:
-        return Contact(first, {}, other)
-    return Contact(first, other)
+    as_near = (1.0 - LOWERS) * second[0].mean_err <= first[0].mean_err
+    return Contact.of(first, second, as_near=as_near)

@@ -109,11 +109,11 @@ def in_its_place(
         begun: effects that might be added.
     """
     at, proposal = trial
-    found = [_settled(*row, recordings) for row in _as_large(at, proposal, begun)]
+    begins = _as_large(at, proposal, begun)
     if proposal.start is not None:
-        for start, model in instead_of_law(at.model, proposal.effect, begun):
-            other = proposal_of(at.model.settings, start)
-            found.append(_settled(model, other, recordings))
+        laws = instead_of_law(at.model, proposal.effect, begun)
+        begins += [(model, proposal_of(at.model.settings, start)) for start, model in laws]
+    found = [_settled(*row, recordings) for row in begins]
     return [other for other in found if other is not None]
 
 

@@ -56,20 +56,14 @@ def with_peg_or_wall(
     at, proposal = peg
     round_, flat = (nearest_err(e, recordings) for e in (at, found.at))
     LOG.info("a peg instead of the wall: %.3f mm, %.3f mm with it", 1e3 * round_, 1e3 * flat)
-    blocks = {
-        c.effect: e.model.settings.effects[c.effect] for e, c in ((at, proposal), (found.at, wall))
-    }
     nearer = round_ < (1.0 - LOWERS) * flat
     as_near = (1.0 - LOWERS) * round_ <= flat
     if nearer or (as_near and gains(peg, found.at)):
         causes = tuple(proposal if c is wall else c for c in found.causes)
-        flat_one = {wall.effect: blocks[wall.effect]}
-        found = replace(found, at=at, causes=causes)
-        return found, Contact(peg, {}, flat_one) if nearer else Contact(peg, flat_one)
-    round_one = {proposal.effect: blocks[proposal.effect]}
-    if not as_near:
-        return found, Contact((found.at, wall), known, round_one)
-    return found, Contact((found.at, wall), {**known, **round_one})
+        hit = Contact.of(peg, (found.at, wall), as_near=not nearer)
+        return replace(found, at=at, causes=causes), hit
+    hit = Contact.of((found.at, wall), peg, as_near=as_near)
+    return found, replace(hit, rivals={**known, **hit.rivals})
 
 
 def peg_instead(at: Evaluation, wall: Proposal, recordings: Sequence[Recording]) -> Trial | None:
