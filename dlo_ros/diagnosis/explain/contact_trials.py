@@ -35,7 +35,7 @@ class Contact:
 
     @classmethod
     def of(cls, first: Trial, second: Trial, *, as_near: bool) -> Contact:
-        """What was hit, and what may have been hit instead.
+        """A contact with the other of peg and wall beside it, as a rival or as what does worse.
 
         Args:
             as_near: whether the second comes as near to the shapes.
