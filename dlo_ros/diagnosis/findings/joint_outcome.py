@@ -41,6 +41,7 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
     systematic_errors,
     with_plain_values,
 )
+from dlo_ros.diagnosis.findings.rest_change import RestChange, rest_change
 from dlo_ros.diagnosis.findings.shape_views import views
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
 from dlo_ros.effects import added_to_damping, effects
@@ -64,6 +65,12 @@ REPEAT = (
     "Repeat one of the manipulations unchanged: where both recordings differ from each other, the "
     "cause changes with time (a draught, a camera or a material that drifts); where they agree, it "
     "belongs to the DLO and its grips."
+)
+CHANGED = (
+    "Held alike, to {expected} of its shape, the DLO rests {distance} apart in {first} and in "
+    "{second}: it, a grip or the camera changed between them, as what creeps, or was bent "
+    "meanwhile, does. Nothing that is the same in all recordings explains that. Let the DLO hang "
+    "as long before each recording, and record both again."
 )
 SWING = (
     "Record how the DLO swings after a quick motion, too: these recordings do not determine how a "
@@ -129,8 +136,9 @@ def joint_outcome(
         setup, max(reached, least), matters, found.nameable_err, found.causes, _of_itself(found)
     )
     missed = (seen_before or 0.0) - own
-    related_before = related_after = None
+    related_before = related_after = changed = None
     if verdict == "unexplained":
+        changed = rest_change(shown, first, matters)
         related_before, related_after = (
             relations(first, whitened(e, first), e.predicted, e.model.settings)
             for e in (plain, shown)
@@ -150,7 +158,7 @@ def joint_outcome(
         with_plain_values(extended, plain.model.settings) if suffices else extended,
         holdout.gain(before.held, after.held),
         _tried(found),
-        _advice(verdict, found),
+        _advice(verdict, found, changed),
         None if np.isnan(beginning.error) else beginning.error,
         (*remarks, *(sentences(related_after) if related_after is not None else ())),
         views(recordings, plain, shown, learned.masks, given),
@@ -317,8 +325,12 @@ def _tried(found: Explanation) -> tuple[Trial, ...]:
     return tuple(Trial(name, None, -2.0 * gain) for name, gain in order)
 
 
-def _advice(verdict: Verdict, found: Explanation) -> str:
-    """The next experiment, in a sentence."""
+def _advice(verdict: Verdict, found: Explanation, changed: RestChange | None) -> str:
+    """The next experiment, in a sentence.
+
+    Args:
+        changed: recordings between which something changed, where nothing explains all.
+    """
     open_ = next((c for c in found.causes if c.rivals), None)
     if open_ is not None:
         known = effects()
@@ -331,8 +343,14 @@ def _advice(verdict: Verdict, found: Explanation) -> str:
         return "No error is left to explain."
     if verdict == "explained":
         return SETTLED
-    kept = _kept_guesses(found)
-    return f"{SWING.format(' and '.join(kept))} {REPEAT}" if kept else REPEAT
+    kept, again = _kept_guesses(found), REPEAT if changed is None else _told(changed)
+    return f"{SWING.format(' and '.join(kept))} {again}" if kept else again
+
+
+def _told(changed: RestChange) -> str:
+    first, second = changed.names
+    expected, distance = _mm(changed.expected), _mm(changed.distance)
+    return CHANGED.format(first=first, second=second, expected=expected, distance=distance)
 
 
 def _kept_guesses(found: Explanation) -> list[str]:
