@@ -331,6 +331,7 @@ def _softened(
     """Loss by softening against the linear law: energy, stresses (n, 3), tangents (n, 3, 3)."""
     s = stiffness[:, :2, :2]
     mean = 0.5 * np.trace(s, axis1=1, axis2=2)
+    mean[mean == 0.0] = 1.0  # a free end has no stiffness, and none to lose
     y = (strain - rest)[:, :2]
     m = np.einsum("nab,nb->na", s, y)
     q = np.sqrt(np.maximum(dot(y, m) / mean, 1e-300)) / half  # over the half angle

@@ -47,6 +47,7 @@ IN_PLANE = {
     "stiff_segment": (WAVE, {"stiff_segment": {"centre": 0.12, "extent": 0.1, "ratio": 4.0}}),
     "stiffness_gradient": (WAVE, {"stiffness_gradient": {"change": 1.2}}),
     "nonlinear_stiffness": (CLOSE, {"nonlinear_stiffness": {"half_curvature": 6.0}}),
+    "nonlinear_stiffness, free": (WAVE, {"nonlinear_stiffness": {"half_curvature": 40.0}}),
     "viscoelasticity": (CLOSE, {"viscoelasticity": {"share": 0.4, "time": 0.1}}),
     "quadratic_drag": (WAVE, {"quadratic_drag": {"coefficient": 3.0}}),
     "drag, damping": (
@@ -78,7 +79,7 @@ def without(name):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("case", some_of(IN_PLANE, ["nothing", "wall", "clamp_slip", "kink"]))
+@pytest.mark.parametrize("case", some_of(IN_PLANE, ["nothing", "wall", "clamp_slip", "nonlinear_stiffness, free"]))
 def test_in_the_plane_it_moves_as_the_planar_rod_does(case):
     (name, manipulation), effects = IN_PLANE[case]
     flat = motion(manipulation, effects, space=False)
