@@ -78,8 +78,11 @@ def without(name):
     return motion(dict([WAVE, CLOSE])[name], {}, space=False)
 
 
+ORDINARY = ["nothing", "wall", "clamp_slip", "nonlinear_stiffness, free"]
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("case", some_of(IN_PLANE, ["nothing", "wall", "clamp_slip", "nonlinear_stiffness, free"]))
+@pytest.mark.parametrize("case", some_of(IN_PLANE, ORDINARY))
 def test_in_the_plane_it_moves_as_the_planar_rod_does(case):
     (name, manipulation), effects = IN_PLANE[case]
     flat = motion(manipulation, effects, space=False)
