@@ -219,10 +219,8 @@ class Body:
         that of the interval, and an interval up to an end is whole there.
         """
         start, stop = (min(max(u, 0.0), self.length) for u in (start, stop))
-        total = np.zeros_like(self.points)
-        for at in (self.points, -self.points, 2.0 * self.length - self.points):
-            total += self._step(at - start) - self._step(at - stop)
-        return total
+        at = np.array([self.points, -self.points, 2.0 * self.length - self.points])
+        return np.asarray((self._step(at - start) - self._step(at - stop)).sum(axis=0))
 
     def _step(self, beyond: FloatArray) -> FloatArray:
         """The integral of a hat as wide as two knot spans: 0 far before and 1 far behind 0."""

@@ -77,4 +77,5 @@ def _apart(a: FloatArray, b: FloatArray, basis: SplineBasis) -> tuple[FloatArray
         a, b: shape (..., n, 3) or more columns.
     """
     _, matrix, weight = rule(basis)
-    return np.linalg.norm(matrix @ (a[..., :3] - b[..., :3]), axis=-1), weight
+    squares = [((a[..., c] - b[..., c]) @ matrix.T) ** 2 for c in range(3)]
+    return np.sqrt(sum(squares)), weight

@@ -224,6 +224,8 @@ def _rates(system: System, step: FloatArray) -> Rates:
 
     def rate(numbers: FloatArray | float) -> FloatArray:
         x = np.asarray(numbers)
+        if not len(step):
+            return np.zeros((0, *x.shape[1:]))
         width = 2.0 * step.reshape(-1, *([1] * (x.ndim - 1)))
         change = np.zeros_like(x[1::2])  # also of what is infinite in both
         np.subtract(x[1::2], x[2::2], out=change, where=x[1::2] != x[2::2])

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -16,15 +17,19 @@ from dlo_ros.rod.batch.simd_kernels import (
     Scratch,
 )  # fmt: skip
 from dlo_ros.rod.batch.simd_step import BatchState, Room, Sets
-from dlo_ros.rod.batch.simd_tables import KEPT, TARGET, tables_of
+from dlo_ros.rod.batch.simd_tables import KEPT, TARGET, Tables, tables_of
+from dlo_ros.rod.batch.span_lanes import with_room
 from dlo_ros.rod.boundary.conditions import END_CLAMP, START_CLAMP
 from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.discretisation import Discretisation
 from dlo_ros.rod.elements.rod_tables import DOF, Stiffness
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.planar_model import IN_PLANE, reduce
 from dlo_ros.rod.simd.eight_lanes import LANES, rows
 from dlo_ros.rod.state import State
 from dlo_ros.spline import FloatArray
+
+KEPT_TABLES = 32
 
 
 class Layout:
@@ -46,7 +51,8 @@ class Layout:
         first, points = models[0], len(models[0].rule.weight)
         n, d = first.basis.control_points, 2 if flat else DOF
         self.dof = d
-        self.tables = tables_of(first.rule, _fixed(boundary, n, flat=flat), alone=len(models) == 1)
+        tables = _tables(first.discretisation, boundary, flat, len(models) == 1)
+        self.tables = tables._replace(together=with_room(tables.together, d))
         self.order = np.minimum(np.arange(-(-len(models) // LANES) * LANES), len(models) - 1)
         self.order = self.order.reshape(-1, LANES)
         stiff, weight = [model.stiffness for model in models], first.rule.weight
@@ -106,6 +112,13 @@ class Layout:
         """Views of what `motion` gives."""
         parts = [motion[:, a:b] for a, b in pairwise(self.place)]
         return BatchState._make([*parts[:8], Frame(*parts[8:12]), parts[12]])
+
+
+@lru_cache(maxsize=KEPT_TABLES)
+def _tables(of: Discretisation, boundary: Boundary, flat: bool, alone: bool) -> Tables:
+    """The tables that rods with a discretisation have in common where they are held alike."""
+    fixed = _fixed(boundary, of.basis.control_points, flat=flat)
+    return tables_of(of.rule, fixed, alone=alone)
 
 
 def bending(stiffness: Stiffness, *, flat: bool) -> tuple[FloatArray, FloatArray]:

@@ -39,7 +39,7 @@ class Tables(NamedTuple):
 
 
 def tables_of(rule: Quadrature, fixed: FloatArray, *, alone: bool = False) -> Tables:
-    """The tables of a quadrature.
+    """The tables of a quadrature, without room for spans that are assembled together.
 
     Args:
         fixed: for each number of a control point 0 where it is free, `TARGET` or `KEPT`, (n, d).
@@ -53,7 +53,7 @@ def tables_of(rule: Quadrature, fixed: FloatArray, *, alone: bool = False) -> Ta
     products = np.stack([x[:, :, i] * y[:, :, j] for x, y in product((b1, b2), repeat=2)], axis=-1)
     products = np.ascontiguousarray(products.transpose(0, 2, 1, 3))
     linear, twisted = rule.stretch_linear.astype(np.float64), rule.twist_linear.astype(np.float64)
-    together = span_lanes(rule, products, fixed.shape[1], alone=alone)
+    together = span_lanes(rule, products, alone=alone)
     return Tables(
         len(fixed), fixed.shape[1], spans, lo, hi, fixed.astype(np.float64).ravel(), linear,
         twisted, rule.b, rule.b1, rule.b2, products, together,

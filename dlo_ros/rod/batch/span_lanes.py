@@ -39,13 +39,12 @@ class SpanLanes(NamedTuple):
     work: FloatArray  # (rows, LANES)
 
 
-def span_lanes(rule: Quadrature, products: FloatArray, dof: int, *, alone: bool) -> SpanLanes:
-    """The spans of one rod in lanes.
+def span_lanes(rule: Quadrature, products: FloatArray, *, alone: bool) -> SpanLanes:
+    """The spans of one rod in lanes, without room to work in; see `with_room`.
 
     Args:
         rule: points and basis functions of all spans.
         products: see `simd_tables.Tables`.
-        dof: numbers of a control point.
         alone: whether all lanes hold the same rod; else there are no groups.
     """
     spans = len(rule.weight) // POINTS
@@ -62,8 +61,17 @@ def span_lanes(rule: Quadrature, products: FloatArray, dof: int, *, alone: bool)
     return SpanLanes(
         groups, spans if alone else 0, numbers.astype(np.float64), lanes(rule.stretch_linear),
         lanes(rule.twist_linear), lanes(rule.b), lanes(rule.b1), lanes(rule.b2), lanes(products),
-        np.zeros(16), rows(work_rows(dof)),
+        np.zeros(16), rows(0),
     )  # fmt: skip
+
+
+def with_room(tables: SpanLanes, dof: int) -> SpanLanes:
+    """The tables with room of their own, which rods that move at the same time cannot share.
+
+    Args:
+        dof: numbers of a control point.
+    """
+    return tables._replace(work=rows(work_rows(dof)))
 
 
 def work_rows(dof: int) -> int:
