@@ -5,6 +5,7 @@
 """
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -133,6 +134,8 @@ def test_of_a_slip_is_compared_what_was_simulated():
         ("stiffness_gradient", {"change": 0.18}, {"change": (0.17, 0.1)}, False),
         ("stiffness_gradient", {"change": 0.18}, {"change": (0.17, None)}, False),
         ("constant_force", {"x": 0.03, "z": 0.01}, {"x": (0.03, 0.001)}, False),
+        ("constant_force", {"x": 0.0, "z": -0.1}, {"x": (0.01, 0.007), "z": (-0.1, 0.007)}, True),
+        ("air_drag", {"coefficient": 0.2}, {"coefficient": (0.19, None)}, True),
         ("camera_scale", {"ratio": 1.02}, {"ratio": (1.021, 0.002)}, True),
         ("camera_scale", {"ratio": 1.02}, {"ratio": (1.03, 0.002)}, False),
         (
@@ -145,6 +148,17 @@ def test_of_a_slip_is_compared_what_was_simulated():
 def test_a_cause_may_stand_in_the_table_of_the_set_up_alone(name, numbers, found, told):
     table = {f"{name}.{key}": {"value": v, "std": std} for key, (v, std) in found.items()}
     assert evaluate.is_told(name, numbers, table) == told
+
+
+@pytest.mark.parametrize(("weighed", "told"), [(True, 0.13), (False, 0.06)])
+def test_the_drag_of_a_rope_that_was_not_weighed_is_told_for_its_guessed_density(weighed, told):
+    rod = {"density": 2000.0, "diameter": 0.004}
+    guess = {"rod": {**rod, "density": 1000.0}, "damping": {"air_drag": 0.01}}
+    if weighed:
+        guess["rod"]["density_std"] = 20.0
+    tree = {"parameters": {"rod": rod, "damping": {"air_drag": 0.04}}, "guess": guess}
+    case = SimpleNamespace(trees=[tree], causes={"air_drag": {"coefficient": 0.1}})
+    assert evaluate._as_told(case, "air_drag")["coefficient"] == pytest.approx(told)
 
 
 def test_each_effect_has_a_rope_of_its_own(monkeypatch):

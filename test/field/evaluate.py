@@ -27,6 +27,9 @@ ALIKE = (
 DAMPINGS = {"air_drag": "air_drag", "internal_damping": "relaxation_time"}
 """Effects as which dampings are told that the parameter file only guesses, and their numbers."""
 
+FORCES = ("air_drag", "constant_force")
+"""Effects whose numbers have no standard deviation where nothing tells how large forces are."""
+
 RATIOS = ("camera_scale", "twisting_stiffness")
 """Errors of a set-up whose numbers are factors."""
 
@@ -74,7 +77,7 @@ def judge(case: Case, report: dict) -> tuple[str, tuple[str, ...]]:
         outcome = "named"
     elif main in rivals:
         outcome = "rival"
-    elif main is not None and is_told(main, case.causes[main], report["setup"]):
+    elif main is not None and is_told(main, _as_told(case, main), report["setup"]):
         outcome = "told"
     true = set(case.causes) | {n for n in case.set_up if _off(case, n) > 1.0}
     true |= {n for group in ALIKE if group & true for n in group}
@@ -83,11 +86,28 @@ def judge(case: Case, report: dict) -> tuple[str, tuple[str, ...]]:
     return outcome, wrong
 
 
+def _as_told(case: Case, name: str) -> dict:
+    """Numbers of a cause as the table of the set-up counts them.
+
+    A damping counts from the guess. Nothing tells how large forces on a DLO are that was not
+    weighed; they are told for the density of the parameter file.
+    """
+    tree, guess = case.trees[0]["parameters"], case.trees[0]["guess"]
+    numbers = dict(case.causes[name])
+    weighed = "density_std" in guess["rod"] or name not in FORCES
+    mass, guessed = (t["density"] * t["diameter"] ** 2 for t in (tree["rod"], guess["rod"]))
+    scale = 1.0 if weighed else guessed / mass
+    key = DAMPINGS.get(name)
+    before, after = (0.0, 0.0) if key is None else (tree["damping"][key], guess["damping"][key])
+    return {k: scale * (before + np.asarray(x)) - after for k, x in numbers.items()}
+
+
 def is_told(name: str, numbers: dict, setup: dict) -> bool:
-    """Whether the table of the set-up holds all numbers of a cause, right and for certain.
+    """Whether the table of the set-up holds all numbers of a cause right, the largest for certain.
 
     Right is within a tenth or two standard deviations, as for causes that are named.
     """
+    certain = []
     for key, true in numbers.items():
         each = np.atleast_1d(true)
         full = f"{name}.{key}"
@@ -96,14 +116,14 @@ def is_told(name: str, numbers: dict, setup: dict) -> bool:
         ]  # fmt: skip
         for entry, x in zip(names, each, strict=True):
             found = setup.get(entry)
-            if found is None or not found["std"]:
+            if found is None or not (found["std"] or name in FORCES):
                 return False
+            std = found["std"] or 0.0
             off, from_neutral = found["value"] - x, x - (1.0 if name in RATIOS else 0.0)
-            if abs(off) > max(0.1 * abs(from_neutral), 2.0 * found["std"]):
+            if abs(off) > max(0.1 * abs(from_neutral), 2.0 * std):
                 return False
-            if abs(from_neutral) < 3.0 * found["std"]:
-                return False
-    return bool(numbers)
+            certain.append((abs(from_neutral), abs(from_neutral) >= 3.0 * std))
+    return bool(certain) and max(certain)[1]
 
 
 def _off(case: Case, name: str) -> float:
