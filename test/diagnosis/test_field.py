@@ -151,14 +151,15 @@ def test_a_cause_may_stand_in_the_table_of_the_set_up_alone(name, numbers, found
 
 
 @pytest.mark.parametrize(("weighed", "told"), [(True, 0.13), (False, 0.06)])
-def test_the_drag_of_a_rope_that_was_not_weighed_is_told_for_its_guessed_density(weighed, told):
+def test_the_drag_of_a_rope_that_was_not_weighed_is_told_for_its_fitted_density(weighed, told):
     rod = {"density": 2000.0, "diameter": 0.004}
-    guess = {"rod": {**rod, "density": 1000.0}, "damping": {"air_drag": 0.01}}
+    guess = {"rod": {**rod, "density": 1500.0}, "damping": {"air_drag": 0.01}}
+    report = {"extended": {"density": {"value": 1000.0}}}
     if weighed:
         guess["rod"]["density_std"] = 20.0
     tree = {"parameters": {"rod": rod, "damping": {"air_drag": 0.04}}, "guess": guess}
     case = SimpleNamespace(trees=[tree], causes={"air_drag": {"coefficient": 0.1}})
-    assert evaluate._as_told(case, "air_drag")["coefficient"] == pytest.approx(told)
+    assert evaluate._as_told(case, "air_drag", report)["coefficient"] == pytest.approx(told)
 
 
 def test_each_effect_has_a_rope_of_its_own(monkeypatch):

@@ -77,7 +77,7 @@ def judge(case: Case, report: dict) -> tuple[str, tuple[str, ...]]:
         outcome = "named"
     elif main in rivals:
         outcome = "rival"
-    elif main is not None and is_told(main, _as_told(case, main), report["setup"]):
+    elif main is not None and is_told(main, _as_told(case, main, report), report["setup"]):
         outcome = "told"
     true = set(case.causes) | {n for n in case.set_up if _off(case, n) > 1.0}
     true |= {n for group in ALIKE if group & true for n in group}
@@ -86,17 +86,18 @@ def judge(case: Case, report: dict) -> tuple[str, tuple[str, ...]]:
     return outcome, wrong
 
 
-def _as_told(case: Case, name: str) -> dict:
+def _as_told(case: Case, name: str, report: dict) -> dict:
     """Numbers of a cause as the table of the set-up counts them.
 
     A damping counts from the guess. Nothing tells how large forces on a DLO are that was not
-    weighed; they are told for the density of the parameter file.
+    weighed; they are told for the density of the extended model.
     """
     tree, guess = case.trees[0]["parameters"], case.trees[0]["guess"]
     numbers = dict(case.causes[name])
     weighed = "density_std" in guess["rod"] or name not in FORCES
-    mass, guessed = (t["density"] * t["diameter"] ** 2 for t in (tree["rod"], guess["rod"]))
-    scale = 1.0 if weighed else guessed / mass
+    density = report["extended"]["density"]["value"] / tree["rod"]["density"]
+    thicker = guess["rod"]["diameter"] / tree["rod"]["diameter"]
+    scale = 1.0 if weighed else density * thicker**2
     key = DAMPINGS.get(name)
     before, after = (0.0, 0.0) if key is None else (tree["damping"][key], guess["damping"][key])
     return {k: scale * (before + np.asarray(x)) - after for k, x in numbers.items()}
