@@ -30,6 +30,7 @@ from dlo_ros.rod.state import State
 from dlo_ros.spline import FloatArray
 
 KEPT_TABLES = 32
+"""Tables that are kept: those of some recordings, each with several numbers of spans."""
 
 
 class Layout:
