@@ -69,4 +69,4 @@ def test_the_advice_tells_it_where_nothing_explains_all():
         "Held alike, to 0.40 mm of its shape, the DLO rests 12.30 mm apart in before and in after:"
     )
     assert joint_outcome.REPEAT not in said
-    assert joint_outcome._advice("unexplained", found, None) == joint_outcome.REPEAT
+    assert joint_outcome._advice("unexplained", found) == joint_outcome.REPEAT

@@ -325,7 +325,7 @@ def _tried(found: Explanation) -> tuple[Trial, ...]:
     return tuple(Trial(name, None, -2.0 * gain) for name, gain in order)
 
 
-def _advice(verdict: Verdict, found: Explanation, changed: RestChange | None) -> str:
+def _advice(verdict: Verdict, found: Explanation, changed: RestChange | None = None) -> str:
     """The next experiment, in a sentence.
 
     Args:
