@@ -88,6 +88,8 @@ class Settings(RodSettings):
     Beside the physics, `tolerances` are ("clamp_angle.start":
     std) what the file states of how well a set-up was made, also of effects that the model does not
     contain, see `tolerance`; `cameras` the poses of several by name, empty where there is but one.
+    No part of a file is `own`: values that numbers have in single recordings, by both names, such
+    as "effects.clamp_slip.onset@swing".
     """
 
     frame_id: str = "board"
@@ -102,6 +104,7 @@ class Settings(RodSettings):
     simulator_node: str = "simulator"
     tolerances: Mapping[str, float] = field(default_factory=dict)
     cameras: Mapping[str, CameraPose] = field(default_factory=dict)
+    own: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any], node: str | None = None) -> Settings:

@@ -69,6 +69,7 @@ def tree(found: Diagnosis) -> dict[str, Any]:
                 "name": e.name,
                 "parameters": {
                     key: {"value": _plain(n.value), "std": _plain(n.std), "unit": n.unit}
+                    | ({"own": dict(n.own)} if n.own else {})
                     for key, n in e.parameters.items()
                 },
                 "rivals": list(e.rivals),

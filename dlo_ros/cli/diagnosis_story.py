@@ -353,4 +353,6 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
         )
         return tuple(sentences)
     sentences.append(f"{load}: it holds {what}, and E/mu = {known}.")
+    if any(n.own for e in found.effects for n in e.parameters.values()):
+        sentences.append("Of what is another in each recording, it holds the mean.")
     return tuple(sentences)

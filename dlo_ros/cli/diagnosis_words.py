@@ -147,9 +147,10 @@ def values(effect: NamedEffect, length: float) -> str:
     """
     side = clear_side(effect)
     said = side if clause(effect.name, side) != clause(effect.name) else ""
-    return ", ".join(
-        _value(effect.name, key, n, length, said) for key, n in effect.parameters.items()
-    )
+    numbers = effect.parameters.items()
+    texts = [_value(effect.name, key, n, length, said) for key, n in numbers]
+    differing = any(n.own for _, n in numbers)
+    return ", ".join([*texts, *(["in each recording another"] if differing else [])])
 
 
 def rows(effect: NamedEffect, length: float) -> list[tuple[str, str, str]]:
@@ -168,6 +169,8 @@ def rows(effect: NamedEffect, length: float) -> list[tuple[str, str, str]]:
         for k, (value, std) in enumerate(zip(found, stds, strict=True)):
             name = f"{key}, {_component(q, k, len(found))}" if several else key
             shown = _known(value, std, n.unit, q, length, sparing=False)
+            if n.own:
+                shown = ", ".join(f"{bare(x, n.unit)} in {name}" for name, x in n.own.items())
             side = q.side(value, k if several else None, len(found)) if q else ""
             if side and is_determined(value, std, q, length):
                 shown += f" ({side})"
@@ -251,6 +254,9 @@ def _value(effect: str, key: str, n: Number, length: float, said: str) -> str:
         words = "at" if n.unit == "s" else "at u ="
     elif key in ENDS:
         words = f"at the {key}"
+    if n.own:
+        first, last = (bare(x, n.unit) for x in (min(n.own.values()), max(n.own.values())))
+        return f"{words} {first} to {last}"
     if not isinstance(n.value, tuple):
         assert n.std is None or isinstance(n.std, float)
         side = q.side(n.value) if q is not None and not q.neutral else ""

@@ -104,6 +104,7 @@ class Quantity:
         sides: words for a value above neutral and for one below it, such as longer and shorter; of
             a vector for each of the board's axes; empty: there are none.
         axes: letters of the components of a vector; empty: x and z of two, x, y and z of three.
+        once: whether it says when something happens, which each recording may see at another time.
     """
 
     name: str
@@ -124,6 +125,7 @@ class Quantity:
     spatial: bool = False
     sides: tuple[tuple[str, str], ...] = ()
     axes: str = ""
+    once: bool = False
 
     @property
     def bracketed(self) -> str:
@@ -263,12 +265,13 @@ def quantity(
     spatial: bool = False,
     sides: tuple[tuple[str, str], ...] = (),
     axes: str = "",
+    once: bool = False,
 ) -> Any:
     """A dataclass field that is a parameter of an effect; see `Quantity`.
 
     Args:
         neutral, unit, lower, upper, description, array, counts, tolerance, beyond, natural,
-            search, adds_to, stated_by, spatial, sides, axes: as there.
+            search, adds_to, stated_by, spatial, sides, axes, once: as there.
         role: as in `Quantity`; default: `angle` in radians, else `size`.
 
     Raises:
@@ -287,7 +290,7 @@ def quantity(
         "counts": counts, "role": role or ("angle" if unit == "rad" else "size"),
         "tolerance": tolerance, "beyond": beyond, "natural": natural, "search": search,
         "adds_to": adds_to, "stated_by": stated_by, "spatial": spatial, "sides": sides,
-        "axes": axes,
+        "axes": axes, "once": once,
     }  # fmt: skip
     several = bool(counts) and counts[0] > 1
     return field(default=(neutral,) * counts[0] if several else neutral, metadata=data)

@@ -13,6 +13,7 @@ from dlo_ros.command import Command, Motion
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.inference.err import shape_errors
 from dlo_ros.inference.observation_operator import noise_unit, operator_of
+from dlo_ros.inference.parameter import of_recording
 from dlo_ros.inference.smooth_modes import whitening
 from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
@@ -177,7 +178,8 @@ def observations_of(manipulation: Manipulation) -> Sequence[Observation]:
 
 
 def as_started(settings: Settings, manipulation: Manipulation) -> Settings:
-    """The settings with the start of a recording that has one of its own."""
+    """The settings with the start and the numbers of a recording that has some of its own."""
+    settings = of_recording(settings, manipulation.name)
     if manipulation.start is None:
         return settings
     return replace(settings, simulation=replace(settings.simulation, start=manipulation.start))

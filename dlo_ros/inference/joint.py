@@ -13,7 +13,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.inference.forecast import Forecast, forecast
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parallel import Threads
-from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.parameter import ParametricModel, acts_in, number_of
 from dlo_ros.inference.slide import slid
 from dlo_ros.inference.spectrum import Spectrum, spectrum
 from dlo_ros.inference.variances import (
@@ -112,14 +112,19 @@ def simulate(
     scale = np.array([chain[name] for name in wanted])
 
     def forecast_of(recording: Recording) -> Forecast:
+        acting = [number_of(name) for name in wanted if acts_in(name, recording.name)]
         return forecast(
-            recording.manipulation, as_fine(model.settings, recording), parameters=wanted,
+            recording.manipulation, as_fine(model.settings, recording), parameters=acting,
             spans=recording.spans,
         )  # fmt: skip
 
     forecasts = Threads().map(forecast_of, recordings)
     for recording, found in zip(recordings, forecasts, strict=True):
-        here = field(recording, found.predicted, found.sensitivity, scale)
+        acting = np.array([acts_in(name, recording.name) for name in wanted], dtype=bool)
+        residual, slopes = field(recording, found.predicted, found.sensitivity, scale[acting])
+        jacobian = np.zeros((len(residual), len(wanted), residual.shape[1]))
+        jacobian[:, acting] = slopes
+        here = residual, jacobian
         if _boundless(here[1], model, wanted):
             here = here[0], differences(model, recording, wanted, here[0])
         fields.append(here)

@@ -19,6 +19,8 @@ SLAB = 10.0
 """Prior standard deviation of what is no matter of tolerance, in tolerances."""
 HELD = 1e-6
 """Prior standard deviation of a number that is held, over the one that it had."""
+OWN = "@"
+"""Stands in a name between that of the number and the recording in which alone it has its value."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,8 @@ class Parameter:
     """One unknown number.
 
     Args:
-        name: name as in `dlo_ros.rod.sensitivity_parameters`.
+        name: name as in `dlo_ros.rod.sensitivity_parameters`, followed by `OWN` and a recording's
+            where it is the number of that recording alone.
         unit: SI unit of its value.
         logarithmic: whether inference works on its logarithm.
         lower, upper: hard range of the value.
@@ -60,7 +63,7 @@ class Parameter:
     @property
     def key(self) -> str:
         """Its key in the effect, index included."""
-        return self.name.rpartition(".")[2]
+        return number_of(self.name).rpartition(".")[2]
 
     def inner(self, value: float) -> float:
         """A value as inference sees it."""
@@ -222,14 +225,19 @@ class ParametricModel:
         return ParametricModel(self.settings.with_effects(effects), (*kept, *parameters))
 
     def without(self, names: Sequence[str]) -> ParametricModel:
-        """The model without some parameters; their keys are taken out of the settings."""
+        """The model without some parameters; their keys are taken out of the settings.
+
+        A number that goes in one recording goes in all.
+        """
         effects = {k: dict(v) for k, v in self.settings.effects.items()}
         for name in names:
             effect, key, _ = split_name(name)
             effects.get(effect, {}).pop(key, None)
         left = {k: v for k, v in effects.items() if v}
-        kept = tuple(p for p in self.parameters if p.name not in names)
-        return ParametricModel(self.settings.with_effects(left), kept)
+        numbers = {number_of(name) for name in names}
+        kept = tuple(p for p in self.parameters if number_of(p.name) not in numbers)
+        own = {k: v for k, v in self.settings.own.items() if number_of(k) not in numbers}
+        return ParametricModel(replace(self.settings, effects=left, own=own), kept)
 
     def with_prior(self, parameters: Sequence[Parameter]) -> ParametricModel:
         """The model with other priors of some parameters."""
@@ -243,13 +251,35 @@ class ParametricModel:
 
 def split_name(name: str) -> tuple[str, str, int | None]:
     """Effect, key and index of `effects.NAME.KEY[i]`."""
-    effect, _, key = name.removeprefix(EFFECTS_PREFIX).partition(".")
+    effect, _, key = number_of(name).removeprefix(EFFECTS_PREFIX).partition(".")
     key, _, index = key.partition("[")
     return effect, key, int(index[:-1]) if index else None
 
 
+def number_of(name: str) -> str:
+    """Name of a parameter's number, without the recording of which it may be."""
+    return name.partition(OWN)[0]
+
+
+def acts_in(name: str, recording: str) -> bool:
+    """Whether a parameter acts in a recording: it is a number of all, or of that one."""
+    _, own, of = name.partition(OWN)
+    return not own or of == recording
+
+
+def of_recording(settings: Settings, recording: str) -> Settings:
+    """The settings with the values that numbers have in a recording."""
+    for name, value in settings.own.items():
+        effect, key, _ = split_name(name)
+        if acts_in(name, recording) and key in settings.effects.get(effect, {}):
+            settings = with_value(settings, number_of(name), value)
+    return settings
+
+
 def value_of(settings: Settings, name: str) -> float:
     """Value of a parameter."""
+    if OWN in name:
+        return settings.own[name]
     if name in MATERIAL:
         block: Any = settings.rod if name in ("young_modulus", "density") else settings.damping
         return float(getattr(block, name))
@@ -259,7 +289,15 @@ def value_of(settings: Settings, name: str) -> float:
 
 
 def with_value(settings: Settings, name: str, value: float) -> Settings:
-    """Settings with another value of a parameter."""
+    """Settings with another value of a parameter.
+
+    A number of which recordings have their own values is elsewhere the mean of these.
+    """
+    if OWN in name:
+        own = {**settings.own, name: value}
+        number = number_of(name)
+        mean = float(np.mean([v for k, v in own.items() if number_of(k) == number]))
+        return with_value(replace(settings, own=own), number, mean)
     changed: dict[str, Any] = {name: value}
     if name in ("young_modulus", "density"):
         return replace(settings, rod=replace(settings.rod, **changed))

@@ -11,6 +11,12 @@ from typing import TypeVar
 import numpy as np
 
 from dlo_ros.diagnosis.explain.measurement_error import own_err
+from dlo_ros.diagnosis.explain.own_moments import (
+    has_common_moments,
+    nearest_moments,
+    of_model,
+    with_own_moments,
+)
 from dlo_ros.diagnosis.explain.trial_beginnings import Beginning, beginning
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     PredictedGain,
@@ -99,7 +105,7 @@ def best_trial(
         if found is None:
             trace.append(Step(number, c.label, c.gain, c.err, "cannot be simulated"))
         else:
-            trials.append((found, c.predicted.proposal))
+            trials.append(_at_own_moments((found, c.predicted.proposal), offers, recordings))
     # A fit that has only begun tells its gain no better than that.
     enough = CLEARLY_LESS * max((_gain(trial, at) for trial in trials), default=0.0)
     likely = [_continued(t, at, recordings) for t in trials if _gain(t, at) >= enough]
@@ -195,6 +201,35 @@ def _continued(trial: Trial, at: Evaluation, recordings: Sequence[Recording]) ->
     if longer.mean_err > at.mean_err >= found.mean_err:
         longer = fit(found, recordings, 0)
     return longer, proposal
+
+
+def _at_own_moments(
+    trial: Trial, offers: Sequence[tuple[Evaluation, Sequence[PredictedGain]]],
+    recordings: Sequence[Recording],
+) -> Trial:  # fmt: skip
+    """A trial of what happens once, in each recording at its own moment where that explains more.
+
+    At one moment in all of them it may come nearer to the shapes than anything else, and yet miss
+    each motion so much that its log evidence falls.
+
+    Args:
+        offers: see `best_trial`; the moments at which they begin are tried.
+    """
+    at, cause = trial
+    if len(recordings) < 2 or not has_common_moments(cause):
+        return trial
+    proposals = [p.proposal for _, predictions in offers for p in predictions]
+    starts = [p.start for p in proposals if p.start is not None and p.effect == cause.effect]
+    own_model = with_own_moments(at.model, recordings)
+    model = nearest_moments(own_model, recordings, starts)
+    found = fitted(model, recordings, FIRST_ITERATIONS, far=True, draft=True)
+    if found is None:
+        return trial
+    own = found, of_model(cause, model)
+    LOG.info("%s at moments of their own: %+.1f", cause.label, _gain(own, at))
+    # A fit that has gone on gains by that, too.
+    better = gains(own, at) and gains(own, fit(at, recordings, 2 * FIRST_ITERATIONS, draft=True))
+    return own if better else trial
 
 
 def _promising(predictions: Sequence[PredictedGain]) -> list[PredictedGain]:

@@ -34,6 +34,7 @@ from dlo_ros.diagnosis.explain.contact_trials import Contact, best_contact
 from dlo_ros.diagnosis.explain.exact_setup import beside_exact_set_up
 from dlo_ros.diagnosis.explain.far_starts import best_far_start
 from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
+from dlo_ros.diagnosis.explain.own_moments import for_recordings
 from dlo_ros.diagnosis.explain.peg_instead import with_peg_or_wall
 from dlo_ros.diagnosis.explain.peg_size import best_sized
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
@@ -198,7 +199,7 @@ def explain_again(prepared: Prepared, given: Settings, known: Explanation) -> Ex
         causes were found, or where these explain no more than the set-up alone does.
     """
     recordings, enough = prepared.recordings, material_err(0.0, given)
-    at = fitted(known.at.model, recordings, far=True)
+    at = fitted(for_recordings(known.at.model, recordings), recordings, far=True)
     if at is None:
         return None
     near, before = nearest_err(at, recordings), known.at.mean_err

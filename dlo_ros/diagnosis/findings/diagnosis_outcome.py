@@ -18,11 +18,16 @@ Verdict = Literal["adequate", "explained", "unexplained"]
 
 @dataclass(frozen=True)
 class Number:
-    """A parameter of an effect with its standard deviation (None: unknown) and SI unit."""
+    """A parameter of an effect with its standard deviation (None: unknown) and SI unit.
+
+    Where recordings have values of their own, `own` has them by the recordings' names; the value is
+    their mean then, and its standard deviation contains how much they differ.
+    """
 
     value: float | tuple[float, ...]
     std: float | tuple[float, ...] | None
     unit: str
+    own: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

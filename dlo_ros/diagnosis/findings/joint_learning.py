@@ -17,6 +17,7 @@ from dlo_ros.diagnosis.explain.joint_explanation import (
     explain_again,
     prepare,
 )
+from dlo_ros.diagnosis.explain.own_moments import for_recordings
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.proposals.time_steps import (
     with_short_steps,
@@ -213,7 +214,7 @@ def refitted(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
         ):
             begun = rejudged(borrowed(at, at.model, recordings))
         else:
-            begun = evaluate(at.model, recordings)
+            begun = evaluate(for_recordings(at.model, recordings), recordings)
         found = fit(begun, recordings, FINAL_ITERATIONS, loss=TO_REPORT)
     except SimulationError:
         return at

@@ -21,7 +21,14 @@ from dlo_ros.effects import added_to_damping, damping_effect, effects, quantitie
 from dlo_ros.identification.force_scale import POWERS, with_scale
 from dlo_ros.identification.information import model_shift
 from dlo_ros.inference.joint import Evaluation, compared
-from dlo_ros.inference.parameter import Parameter, ParametricModel, split_name
+from dlo_ros.inference.parameter import (
+    OWN,
+    Parameter,
+    ParametricModel,
+    number_of,
+    split_name,
+    value_of,
+)
 from dlo_ros.inference.thresholds import UNBOUNDED
 from dlo_ros.inference.variances import widened_covariance
 from dlo_ros.parameters import Settings, tolerance
@@ -51,7 +58,14 @@ def effect_numbers(
         std: float | tuple[float, ...] | None = None
         if len(known) == len(stds):
             std = known if isinstance(value, tuple) else known[0]
-        result[key] = Number(value, std, quantities(effect)[key].unit)
+        own = {
+            n: value_of(at.model.settings, n) for n in spread if OWN in n and number_of(n) in names
+        }
+        if own:
+            differ = float(np.std(list(own.values())))
+            std = math.hypot(differ, *(float(spread[n]) / len(own) for n in own))
+        by_recording = {n.partition(OWN)[2]: x for n, x in own.items()}
+        result[key] = Number(value, std, quantities(effect)[key].unit, by_recording)
     return result
 
 

@@ -53,7 +53,6 @@ from dlo_ros.inference.joint import Evaluation, Simulated, simulate
 from dlo_ros.inference.joint_fit import fit, nearest_err
 from dlo_ros.inference.losses import TO_REPORT
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import OWN
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
@@ -193,7 +192,7 @@ def _final(
     wider = confirmed(at, compared, [name for c in found.causes for name in c.names])
     found = still_certain(found, at, reported_covariance(at, wider.parameters))
     try:
-        shown = simulate(ParametricModel(at.model.settings, ()), recordings)
+        shown = simulate(replace(at.model, parameters=()), recordings)
         return _Final(learned, found, at, wider, shown)
     except SimulationError as err:
         if found.at is found.setup:

@@ -40,12 +40,12 @@ class ClampSlip(Effect):
 
     onset: float = quantity(
         EVENLY, "s", EVENLY, 1e4, "when it is gained, from the first frame; negative: evenly",
-        role="place", search=(0.0, LONG),
+        role="place", search=(0.0, LONG), once=True,
     )  # fmt: skip
 
     duration: float = quantity(
         SUDDEN, "s", 1e-2, 1e4, "in which it is gained, where it has an onset",
-        search=(2e-2, LONG),
+        search=(2e-2, LONG), once=True,
     )  # fmt: skip
 
     def shape_body(self, body: Body) -> None:

@@ -1,0 +1,99 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What happens once in a recording, such as a slip: in each at a moment of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
+from dlo_ros.effects import Start, quantities
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference.joint import simulate
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import (
+    OWN,
+    Parameter,
+    ParametricModel,
+    acts_in,
+    number_of,
+    split_name,
+    value_of,
+    with_value,
+)
+
+
+def has_common_moments(cause: Proposal) -> bool:
+    """Whether numbers of a cause say when it happens in all recordings alike."""
+    return any(OWN not in p.name and _says_when(p) for p in cause.parameters)
+
+
+def with_own_moments(model: ParametricModel, recordings: Sequence[Recording]) -> ParametricModel:
+    """The model in which what happens once does so in each recording at a moment of its own.
+
+    Recordings that have one keep it; others begin at that of all.
+    """
+    names = list(dict.fromkeys(r.name for r in recordings))
+    settings, parameters = model.settings, list[Parameter]()
+    for p in model.parameters:
+        number = number_of(p.name)
+        if not _says_when(p):
+            parameters.append(p)
+        elif all(number_of(other.name) != number for other in parameters):
+            common = value_of(model.settings, number)
+            for name in (f"{number}{OWN}{recording}" for recording in names):
+                settings = with_value(settings, name, model.settings.own.get(name, common))
+                parameters.append(replace(p, name=name))
+    return ParametricModel(settings, tuple(parameters))
+
+
+def nearest_moments(
+    model: ParametricModel, recordings: Sequence[Recording], starts: Iterable[Start]
+) -> ParametricModel:
+    """The model with own moments: those of some that come nearest to each recording's shapes.
+
+    Where something happens, it does at once: no derivative leads there from far away.
+
+    Args:
+        starts: beginnings of the effect that happens, whose moments are tried beside the model's.
+    """
+    tried = [model]
+    for start in starts:
+        theta = model.theta()
+        for k, p in enumerate(model.parameters):
+            if p.effect == start.effect and _says_when(p) and p.key in start.block:
+                theta[k] = p.inner(cast(float, start.block[p.key]))
+        tried.append(model.at(theta))
+    errs = np.full((len(tried), len(recordings)), np.inf)
+    for k, other in enumerate(tried):
+        with suppress(SimulationError):
+            errs[k] = [float(e.mean()) for e in simulate(other, recordings, ()).err]
+    nearest = np.argmin(errs, axis=0)
+    theta = model.theta()
+    for recording, best in zip(recordings, nearest, strict=True):
+        there = tried[best].theta()
+        for k, p in enumerate(model.parameters):
+            if OWN in p.name and acts_in(p.name, recording.name):
+                theta[k] = there[k]
+    return model.at(theta)
+
+
+def of_model(cause: Proposal, model: ParametricModel) -> Proposal:
+    """The cause with the parameters that its numbers have in a model, see `with_own_moments`."""
+    numbers = {number_of(p.name) for p in cause.parameters}
+    own = tuple(p for p in model.parameters if number_of(p.name) in numbers)
+    return replace(cause, parameters=own)
+
+
+def for_recordings(model: ParametricModel, recordings: Sequence[Recording]) -> ParametricModel:
+    """A model that was fitted to other recordings, with moments of these where it has such."""
+    return with_own_moments(model, recordings) if model.settings.own else model
+
+
+def _says_when(p: Parameter) -> bool:
+    """Whether a parameter says when something happens, see `Quantity.once`."""
+    return bool(p.effect) and quantities(p.effect)[split_name(p.name)[1]].once
