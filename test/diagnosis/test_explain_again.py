@@ -67,8 +67,9 @@ def test_more_causes_are_sought_beside_known_ones_that_leave_something(
     monkeypatch, before, now, own, outcome
 ):
     at = None if now is None else evaluation(4.0, now)
+    plain = SimpleNamespace(settings=SimpleNamespace(own={}))
     known = SimpleNamespace(
-        at=SimpleNamespace(mean_err=before, model=None), proposals=("tilt",), trace=("found",),
+        at=SimpleNamespace(mean_err=before, model=plain), proposals=("tilt",), trace=("found",),
         contact="wall", exact=False,
     )  # fmt: skip
 

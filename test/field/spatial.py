@@ -177,13 +177,26 @@ class LinearRefit:
             self.plain.across(seen(trees, known, DIFFERENCE * row)) / DIFFERENCE
             for row in np.eye(2)
         ]
+        self._others: dict[tuple[str, ...], Seen] = {}
         self._basis = np.linalg.qr(np.column_stack(columns))[0]
 
     def ratio(self, effects: dict) -> tuple[float, None]:
-        """Residual over the measurement's own errors; None stands for the change of E and mu."""
-        miss = self.plain.across(seen(self.trees, beside(self.known, effects)))
+        """Residual over the measurement's own errors; None stands for the change of E and mu.
+
+        A cause stands in the place of the set-up's error of that name: it is that much off neutral.
+        """
+        rest = {k: v for k, v in self.known.items() if k not in effects}
+        plain = self.plain if rest == self.known else self._without(tuple(sorted(effects)))
+        miss = plain.across(seen(self.trees, beside(self.known, effects)))
         left = miss - self._basis @ (self._basis.T @ miss)
         return float(np.sqrt(3.0 * np.mean(left**2)) / self.size), None
+
+    def _without(self, names: tuple[str, ...]) -> Seen:
+        """The shapes without some errors of the set-up."""
+        if names not in self._others:
+            rest = {k: v for k, v in self.known.items() if k not in names}
+            self._others[names] = seen(self.trees, rest)
+        return self._others[names]
 
 
 def draw(seed: int, count: int = 1, names: tuple[str, ...] = (), *, own_rope: bool = False) -> Case:
