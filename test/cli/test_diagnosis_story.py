@@ -12,10 +12,7 @@ from html_check import checked
 
 from dlo_ros.cli.diagnosis_output import WIDTH, report, summary, tree
 from dlo_ros.cli.diagnosis_story import headline, story
-from dlo_ros.cli.diagnosis_words import (
-    is_sized,
-    rows,
-)
+from dlo_ros.cli.diagnosis_words import is_sized, rows
 from dlo_ros.cli.set_up_table import setup_lines
 from dlo_ros.diagnosis import Fitted, Gain, NamedEffect, Number, SetupNumber
 from dlo_ros.effects import effects
@@ -52,6 +49,26 @@ def case(verdict="explained", causes=(MASS,), before=2.4e-3, after=0.63e-3, **ch
 
 def answers(made):
     return [" ".join(a.answer) for a in story(made, LENGTH, "extended.yaml").answers]
+
+
+SLIP = NamedEffect(
+    "clamp_slip",
+    {
+        "length": Number(0.0294, 0.0003, "m"),
+        "onset": Number(0.65, 0.41, "s", {"0_push": 0.247, "3_pendulum": 1.08}),
+    }, (), 0.67,
+)  # fmt: skip
+
+
+def test_moments_of_each_recordings_own_are_told():
+    made = case(causes=[SLIP])
+    _, why, gain = answers(made)
+    assert "(29.4 +- 0.3 mm of free length gained, at 247 ms to 1.1 s, in each recording" in why
+    assert gain.endswith("Of what is another in each recording, it holds the mean.")
+    length, onset = tree(made)["effects"][0]["parameters"].values()
+    assert onset["own"] == {"0_push": 0.247, "3_pendulum": 1.08} and "own" not in length
+    _, (_, shown, _) = rows(SLIP, LENGTH)
+    assert shown == "247 ms in 0_push, 1.1 s in 3_pendulum"
 
 
 def test_how_wrong_why_and_what_is_gained():
