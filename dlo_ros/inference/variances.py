@@ -22,7 +22,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
 
 from dlo_ros.inference.fisher_scoring import scored
-from dlo_ros.inference.spectrum import Spectrum, joined
+from dlo_ros.inference.spectrum import Spectrum, joined, mode_groups
 from dlo_ros.inference.thresholds import FEWEST_FRAMES, SMALL_SHARE
 from dlo_ros.spline import FloatArray
 
@@ -139,12 +139,15 @@ def widened_covariance(
     spectra: Sequence[Spectrum], variances: Sequence[Variances], offset: FloatArray,
     precision: FloatArray,
 ) -> FloatArray:  # fmt: skip
-    """Posterior covariance that also holds how much recordings disagree, shape (P, P).
+    """Posterior covariance that also holds how much recordings disagree, and what they may have in
+    common, shape (P, P).
 
     A model whose laws are not the true ones fits each recording with other numbers. The spread of
     the recordings' gradients tells of it, corrected for what each recording determines by itself
     (Bell and McCaffrey, Bias reduction in standard errors for linear regression with multi-stage
-    samples, 2002); each standard deviation is at least that. Nothing is simulated for it.
+    samples, 2002); each standard deviation is at least that. Errors that stay are those of one
+    camera or tracker: the posterior counts them anew in each recording, and what they do to a
+    number where they are the same in all, no disagreement tells. Nothing is simulated for it.
 
     Args:
         offset, precision: prior means minus the point of linearisation, and inverse prior
@@ -162,8 +165,31 @@ def widened_covariance(
         share, axes = np.linalg.eigh(root.T @ hessian @ root)
         moved = root @ (axes @ ((axes.T @ pull) / np.sqrt(np.maximum(1.0 - share, LEAST_OTHERS))))
         between += np.outer(moved, moved)
-    wider = np.sqrt(np.maximum(np.diag(between) / np.diag(found.covariance), 1.0))
+    known = np.diag(found.covariance)
+    wider = np.maximum(np.diag(between), known) + _in_common(spectra, variances, found.covariance)
+    wider = np.sqrt(wider / known)
     return np.asarray(found.covariance * np.outer(wider, wider))
+
+
+def _in_common(
+    spectra: Sequence[Spectrum], variances: Sequence[Variances], covariance: FloatArray
+) -> FloatArray:
+    """What errors that stay add to the variance of each number where they are the same in all
+    recordings, over what they do where each recording has its own, shape (P,); 0 where it is less.
+    """
+    pulls = []
+    for s, v in zip(spectra, variances, strict=True):
+        assert s.jacobian is not None
+        parts, n, _, count = s.jacobian.shape
+        groups = [last - first for first, last in mode_groups(n)]
+        still = s.still > 0.0  # the first band, by parts and groups of modes
+        each = np.array([v.lasting, v.rough])[:, s.part[still]]
+        sizes = s.still[still] * np.sum(each * [s.share[still], s.white[still]], axis=0)
+        weight = np.repeat(np.sqrt(sizes) / v.of(s)[still], np.tile(groups, parts))
+        pulls.append(weight[:, None] * s.jacobian[:, :, 0].reshape(-1, count))
+    moved = np.array(pulls) @ covariance  # (R, modes, P)
+    extra = np.sum(moved.sum(axis=0) ** 2, axis=0) - np.sum(moved**2, axis=(0, 1))
+    return np.asarray(np.maximum(extra, 0.0))
 
 
 def _marginal_likelihood(

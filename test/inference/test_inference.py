@@ -196,6 +196,29 @@ def test_numbers_on_which_recordings_disagree_are_known_less_well(apart):
     assert before < 0.4 if apart else held < before + 0.05
 
 
+@pytest.mark.parametrize("common", [True, False])
+def test_errors_that_stay_may_be_the_same_in_all_recordings(common):
+    """A camera that is wrong in the same way everywhere, and a number that shifts all shapes."""
+    rng = np.random.default_rng(11)
+    push = rng.normal(size=2 * N)
+    off, alone = [], []
+    for _ in range(60):
+        stays = fading(rng, 8, 1e-3, 0.0).reshape(4, 2 * N)
+        spectra = []
+        for own in stays:
+            jacobian = np.full((60, 1, 1), 1e-2) * push
+            noise = 1e-4 / np.sqrt(N) * rng.normal(size=(60, 2 * N))
+            spectra.append(spectrum(noise + (stays[0] if common else own), jacobian, N))
+        open_ = np.zeros(1), np.full(1, 1.0)
+        variances, found = fit_variances(spectra, *open_, LENGTH)
+        wide = core.widened_covariance(spectra, variances, *open_)
+        off.append(found.step[0] / np.sqrt(wide[0, 0]))
+        alone.append(found.step[0] / np.sqrt(found.covariance[0, 0]))
+    held, before = (np.mean(np.abs(z) < 2.0) for z in (off, alone))
+    assert held > 0.9
+    assert before < 0.8 if common else before > 0.9
+
+
 def test_details_do_not_judge_a_model_that_is_far_off():
     """Noise of a hundredth of what the model misses counts as a tenth of it; its own is no more.
 
