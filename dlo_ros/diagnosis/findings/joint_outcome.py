@@ -43,6 +43,7 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
 )
 from dlo_ros.diagnosis.findings.rest_change import RestChange, rest_change
 from dlo_ros.diagnosis.findings.shape_views import views
+from dlo_ros.diagnosis.findings.soft_axis import with_soft_axis
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
 from dlo_ros.effects import added_to_damping, effects
 from dlo_ros.errors import SimulationError
@@ -188,7 +189,8 @@ def _final(
         at, compared = without_own_error(at, recordings)
         if compared is not recordings:  # otherwise that fit is at its end, or was refused
             at = fit(at, compared, FINAL_ITERATIONS, loss=TO_REPORT)
-    at = at_guessed_scale(at)
+    fitted_to = compared if len(at.err) == len(recordings) else [recordings[k] for k in known]
+    at = with_soft_axis(at_guessed_scale(at), fitted_to)
     wider = confirmed(at, compared, [name for c in found.causes for name in c.names])
     found = still_certain(found, at, reported_covariance(at, wider.parameters))
     try:

@@ -1,0 +1,51 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A flat section in the form in which E is that of its soft axis.
+
+A section with B about one axis and r times B about the other is one with r B and 1 / r: a fit finds
+the form from which it began. They differ in how much the DLO stretches alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from dlo_ros.effects.physics.anisotropy import Anisotropy
+from dlo_ros.effects.physics.twisting_stiffness import TwistingStiffness
+from dlo_ros.inference.joint import Evaluation, evaluate
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import ParametricModel, value_of, with_value
+from dlo_ros.parameters import Settings
+
+RATIO, ANGLE = (Anisotropy.parameter(key) for key in ("ratio", "angle"))
+TWIST = TwistingStiffness.parameter("ratio")
+
+
+def with_soft_axis(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
+    """The same rod, E being that of the axis about which it bends more easily.
+
+    Args:
+        recordings: those that it was fitted to.
+
+    Raises:
+        SimulationError: a recording cannot be simulated.
+    """
+    model = at.model
+    if RATIO not in model.names or value_of(model.settings, RATIO) >= 1.0:
+        return at
+    turned = ParametricModel(about_other_axis(model.settings), model.parameters)
+    return evaluate(turned, recordings, at.variances)
+
+
+def about_other_axis(settings: Settings) -> Settings:
+    """Settings of a flat section with E that of the other axis: the same rod."""
+    ratio, angle = (value_of(settings, name) for name in (RATIO, ANGLE))
+    effects = {k: dict(v) for k, v in settings.effects.items()}
+    effects.setdefault(TwistingStiffness.name, {"ratio": 1.0})
+    rod = replace(settings.rod, young_modulus=ratio * settings.rod.young_modulus)
+    settings = replace(settings, effects=effects, rod=rod)
+    # Torsion is that of a round section with E, times this.
+    settings = with_value(settings, TWIST, value_of(settings, TWIST) / ratio)
+    settings = with_value(settings, RATIO, 1.0 / ratio)
+    return with_value(settings, ANGLE, angle - math.copysign(0.5 * math.pi, angle))
