@@ -131,9 +131,9 @@ def test_a_damping_below_its_guess_stands_for_no_creep():
     assert creep.instead_of(PlainRod(9e6, 1e-3, 2e-10), PlainRod(9e6, 0.01, 2e-10), []) is None
 
 
-@pytest.mark.parametrize(("drag", "tried"), [(0.005, False), (0.019, False), (0.03, True)])
-def test_a_drag_well_above_its_guess_may_be_one_of_the_square_of_speed(drag, tried):
-    """It is as strong at the speed of a swing; a guess is good to a factor of two."""
+@pytest.mark.parametrize(("drag", "tried"), [(0.005, False), (0.01, False), (0.019, True)])
+def test_a_drag_above_its_guess_may_be_one_of_the_square_of_speed(drag, tried):
+    """It is as strong at the speed of a swing."""
     fitted, guessed = (PlainRod(9e6, 0.01, 2e-10, c, 2.0) for c in (drag, 0.01))
     instead = effects()["quadratic_drag"].instead_of(fitted, guessed, [])
     assert (instead is not None) == tried

@@ -9,9 +9,6 @@ from typing import ClassVar, Self
 
 from dlo_ros.effects.base import Body, Effect, PlainRod, Start, quantity
 
-CLEARLY_MORE = 2.0
-"""Linear drag over its guess, beyond which a quadratic one is tried."""
-
 
 @dataclass(frozen=True)
 class QuadraticDrag(Effect):
@@ -35,8 +32,8 @@ class QuadraticDrag(Effect):
     def instead_of(
         cls, fitted: PlainRod, guessed: PlainRod, begun: Sequence[Start]
     ) -> tuple[Self, PlainRod] | None:
-        """See the class: a linear drag well above its guess is as strong in a swing."""
-        if fitted.air_drag <= CLEARLY_MORE * guessed.air_drag:
+        """See the class: what a linear drag is above its guess is as strong in a swing."""
+        if fitted.air_drag <= guessed.air_drag:
             return None
         more = fitted.air_drag - guessed.air_drag
         return cls(more / fitted.speed), fitted._replace(air_drag=guessed.air_drag)
