@@ -174,8 +174,8 @@ def widened_covariance(
 def _in_common(
     spectra: Sequence[Spectrum], variances: Sequence[Variances], covariance: FloatArray
 ) -> FloatArray:
-    """What errors that stay add to the variance of each number where they are the same in all
-    recordings, over what they do where each recording has its own, shape (P,); 0 where it is less.
+    """The variance of each number that errors which stay add where they are the same in all
+    recordings, over that where each recording has its own, shape (P,); 0 where it is less.
     """
     pulls = []
     for s, v in zip(spectra, variances, strict=True):

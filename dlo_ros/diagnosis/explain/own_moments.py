@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What happens once in a recording, such as a slip: in each at a moment of its own."""
+"""Moments of an event, such as a slip, that each recording has of its own."""
 
 from __future__ import annotations
 

@@ -190,7 +190,7 @@ def _final(
         if compared is not recordings:  # otherwise that fit is at its end, or was refused
             at = fit(at, compared, FINAL_ITERATIONS, loss=TO_REPORT)
     fitted_to = compared if len(at.err) == len(recordings) else [recordings[k] for k in known]
-    at = with_soft_axis(at_guessed_scale(at), fitted_to)
+    at = with_soft_axis(at_guessed_scale(at), fitted_to, given)
     wider = confirmed(at, compared, [name for c in found.causes for name in c.names])
     found = still_certain(found, at, reported_covariance(at, wider.parameters))
     try:

@@ -22,17 +22,19 @@ RATIO, ANGLE = (Anisotropy.parameter(key) for key in ("ratio", "angle"))
 TWIST = TwistingStiffness.parameter("ratio")
 
 
-def with_soft_axis(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
-    """The same rod, E being that of the axis about which it bends more easily.
+def with_soft_axis(at: Evaluation, recordings: Sequence[Recording], given: Settings) -> Evaluation:
+    """The evaluation of the same rod with E of the axis about which it bends more easily.
 
     Args:
         recordings: those that it was fitted to.
+        given: the parameter file; the form of a section that it states stays.
 
     Raises:
         SimulationError: a recording cannot be simulated.
     """
     model = at.model
-    if RATIO not in model.names or value_of(model.settings, RATIO) >= 1.0:
+    found = RATIO in model.names and Anisotropy.name not in given.effects
+    if not found or value_of(model.settings, RATIO) >= 1.0:
         return at
     turned = ParametricModel(about_other_axis(model.settings), model.parameters)
     return evaluate(turned, recordings, at.variances)
