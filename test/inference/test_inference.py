@@ -202,7 +202,7 @@ def test_errors_that_stay_may_be_the_same_in_all_recordings(common):
     rng = np.random.default_rng(11)
     push = rng.normal(size=2 * N)
     off, alone = [], []
-    for _ in range(60):
+    for _ in range(30):
         stays = fading(rng, 8, 1e-3, 0.0).reshape(4, 2 * N)
         spectra = []
         for own in stays:
