@@ -31,8 +31,6 @@ SIZES, SIZE_TRIALS = 2.2, 6
 where its fit begins, and number of sizes that are simulated: no derivative tells of it."""
 PLACE_TRIALS = 25
 """Places that are simulated of something that the DLO hits: no derivative leads to them."""
-FARTHEST = 1e6
-"""Mean distance [m] of what cannot be simulated, with which a search for a minimum still counts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +122,7 @@ def _nearest_size(predicted: PredictedGain, recordings: Sequence[Recording]) -> 
             err = simulate(model, recordings, ()).mean_err
         except SimulationError as reason:
             LOG.info("%s: %s", predicted.proposal.label, reason)
-            return FARTHEST
+            return model.settings.rod.length  # farther off than anything that can be simulated
         found.append((err, model))
         return err
 
