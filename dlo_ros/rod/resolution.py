@@ -65,7 +65,9 @@ def choose(
 
     The rod is led quasi-statically through the command. At each instant the equilibrium of the next
     finer resolution is looked for from that of the coarser one, so that both stand on the same
-    branch where there are several: another branch is no discretisation error.
+    branch where there are several: another branch is no discretisation error. Where a resolution
+    finds no equilibrium, it is compared at the instants before: the motion itself may well be
+    simulated.
 
     Args:
         shape: first control points, published basis, shape (n, 4).
@@ -104,7 +106,8 @@ def choosing(
             spans *= 2
             continue
         if coarse is not None:
-            apart = np.linalg.norm(fine.shapes(u) - coarse.shapes(u), axis=2) @ weight
+            both = min(len(fine.states), len(coarse.states))
+            apart = np.linalg.norm(fine.shapes(u)[:both] - coarse.shapes(u)[:both], axis=2) @ weight
             error = float(apart.max()) / rod.length**2
             if error <= settings.simulation.tolerance:
                 return Resolution(spans // 2, error)
@@ -132,7 +135,12 @@ class _Path:
         cls, settings: RodSettings, command: Command, shape: FloatArray, stamps: Sequence[int],
         spans: int, near: _Path | None,
     ) -> Generator[None, None, _Path]:  # fmt: skip
-        """Equilibria, each from the one before or from a coarser path `near` at its instant."""
+        """Equilibria, each from the one before or from a coarser path `near` at its instant, up to
+        the first instant that has none.
+
+        Raises:
+            SimulationError: there is none at the first instant.
+        """
         model, boundary = build(settings, command, spans)
         published = SplineBasis(settings.rod.control_points, settings.rod.length)
         held = material_frame(true_command(model, command), stamps[0])
@@ -140,11 +148,19 @@ class _Path:
         # What bending and friction remember has no counterpart in another basis.
         lift = near is not None and not any(model.remembers)
         yield
-        states = []
+        states: list[State] = []
         for k, stamp in enumerate(stamps):
             if lift and near is not None:
+                if k == len(near.states):
+                    break
                 state = refined(near.states[k], near.model, model)
-            state = settle(model, boundary, state, command, stamp, fresh=k == 0).state
+            try:
+                state = settle(model, boundary, state, command, stamp, fresh=k == 0).state
+            except SimulationError as err:
+                if not states:
+                    raise
+                LOG.info("the resolution is judged without what follows: %s", err)
+                break
             states.append(state)
             yield
         return cls(model, tuple(states))

@@ -322,21 +322,6 @@ def test_long_soft_and_short_stiff_rods_settle_with_the_same_settings():
         assert np.all(np.isfinite(found.state.q))
 
 
-@pytest.mark.parametrize("angle", [-200.0, 170.0])
-def test_different_branches_are_no_discretisation_error(angle, caplog):
-    """A clamp that turns a rope far up: it hangs over to either side, and snaps in between."""
-    half = np.radians(np.linspace(0.0, angle, 9)) / 2.0
-    turns = [[[0.0, np.sin(a), 0.0, np.cos(a)]] for a in half]
-    imposed = command(["start"], np.linspace(0.0, 1.0, 9), [[[0.0, 0.0, 0.0]]] * 9, turns)
-    shape = np.zeros((10, 4))
-    shape[:, 0] = np.linspace(0.0, 0.4, 10)
-    for young_modulus in (5e6, 2e8):
-        settings = PAPER.with_material(young_modulus, 2500.0)
-        found = choose(settings, imposed, shape, [int(t) for t in np.linspace(0, SECOND, 200)])
-        assert found.error <= settings.simulation.tolerance
-    assert not caplog.records
-
-
 LENGTH = PAPER.rod.length
 
 
