@@ -70,7 +70,8 @@ def diagnose(
     if better is not None:
         progress("fitting the plain model anew", 0.0)
         beginning = _begun([*recordings, *holdout], given, better)
-        plain, found = _explained(beginning, count, given, progress)
+        whole = found.explanation.at.mean_err < found.explanation.material_err
+        plain, found = _explained(beginning, count, given, progress, found if whole else None)
     progress("refining the simulation", 0.0)
     sharper = _sharper(plain, found, beginning)
     if sharper is not None:
@@ -98,7 +99,8 @@ def _explained(
     It is learned from all of them where the one that is held out shows what the others do not.
 
     Args:
-        before: what was learned with a coarser simulation; None: nothing.
+        before: what was learned with a coarser simulation or from another plain model; None:
+            nothing.
     """
     learned = beginning.recordings[:count]
     plain = _learned(beginning, count)

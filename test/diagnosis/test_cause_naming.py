@@ -283,6 +283,8 @@ def test_what_may_or_may_not_act_does_not_stand_for_what_does(monkeypatch, loss,
         ({"damping": 1.05e-3, "creep": 1.05e-3}, 60.0, False, []),
         ({"damping": 1.05e-3, "creep": 1.5e-3}, 60.0, False, ["creep"]),
         ({"damping": 1.5e-3, "creep": 1.5e-3}, 60.0, False, ["creep", "damping"]),
+        # Each takes less than a tenth away, beside what is left, and both together more.
+        ({"damping": 1.09e-3, "creep": 1.18e-3}, 60.0, False, ["creep"]),
         ({"damping": 1.05e-3, "creep": 1.05e-3}, 60.0, True, ["creep", "damping"]),
         # Nor does it leave it for that: a friction came 9.4 mm near, 22 without a guessed damping.
         ({"damping": 2.2e-3, "creep": 1.5e-3}, -5.0, False, ["creep", "damping"]),

@@ -75,6 +75,25 @@ def test_the_search_ends_with_a_cause_that_takes_too_little_away_to_be_named(mon
     assert found.at.mean_err == left[2]
 
 
+@pytest.mark.parametrize(("wanted", "steps"), [(-np.inf, 4), (201.0, 2), (121.0, 3), (119.0, 4)])
+def test_a_search_ends_where_its_evidence_can_hardly_be_enough(monkeypatch, wanted, steps):
+    """Of at most six causes the second raises the evidence by 40, the next by 20 each."""
+    gains, left = [20.0, 40.0, 60.0, 80.0], [1.6e-3, 1.2e-3, 0.9e-3, 0.6e-3]
+    offers = [SimpleNamespace(label=f"e{k}", effect=f"e{k}", start=object()) for k in range(4)]
+    without_simulations(monkeypatch, 0.1e-3)
+
+    def best_trial(number, *_):
+        if number > len(offers):
+            return None, []
+        return (evaluation(gains[number - 1], left[number - 1]), offers[number - 1]), []
+
+    monkeypatch.setattr(cause_search, "best_trial", best_trial)
+    found = cause_search.search(
+        evaluation(0.0, 2e-3), None, (), (), 0.1e-3, present=offers[:1], wanted=wanted
+    )
+    assert [c.label for c in found.causes] == [o.label for o in offers[:steps]]
+
+
 @pytest.mark.parametrize(("evidence", "first"), [(30.0, "wall"), (50.0, "peg"), (None, "peg")])
 def test_what_was_hit_competes_with_the_other_causes(monkeypatch, evidence, first):
     """A peg in the way does much of what a table does that the DLO is laid down on."""

@@ -129,6 +129,7 @@ def without_needless(
     There only what brings the model nearer to the shapes is kept; numbers of the set-up that bring
     it no nearer are within their tolerance again. Guessed dampings are tried first: one has its
     guess again where the model, with all added effects, does as well with the guess.
+    What is left out already counts: all of it together must do as little as one may.
 
     Args:
         found: what the search has found.
@@ -152,7 +153,7 @@ def without_needless(
         if bare is None or (
             _needed(at, bare, group, begun)
             if complete
-            else not takes_little((at, group), bare, recordings)
+            else not takes_little((found.at, group), bare, recordings)
         ):
             if not of_set_up:
                 bares[group.label] = bare

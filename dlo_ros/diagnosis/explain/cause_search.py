@@ -75,7 +75,7 @@ class Search:
 def search(
     at: Evaluation, neutral: ParametricModel, recordings: Sequence[Recording],
     begun: Sequence[Start], enough: float, first: Trial | None = None,
-    present: Sequence[Proposal] = (),
+    present: Sequence[Proposal] = (), wanted: float = -np.inf,
 ) -> Search:  # fmt: skip
     """Add causes one by one, the one that raises the log evidence most first.
 
@@ -94,6 +94,9 @@ def search(
         first: the fit with a cause that derivatives do not tell of, and the cause, with which the
             others compete in the first step; see `contact_trials` and `far_starts`.
         present: causes that the model contains already.
+        wanted: log evidence without which the search is in vain. It ends where all causes that may
+            still come would not reach it if each raised the evidence as much as the last one: the
+            first ones raise it most.
     """
     causes = list(present)
     dropped: set[str] = set()
@@ -138,7 +141,10 @@ def search(
                     break
         if found is None:
             break
+        gain = found[0].posterior.evidence - at.posterior.evidence
         at, causes = found[0], [*causes, found[1]]
+        if at.posterior.evidence + (MOST_CAUSES - number) * gain < wanted:
+            break
         if number > 1:
             at, causes = with_best_in_place(at, causes, recordings, begun)
         for cause in reversed(causes):

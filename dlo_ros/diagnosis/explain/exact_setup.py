@@ -73,9 +73,12 @@ def beside_exact_set_up(
     try:
         there = replace(found, at=_fitted(found.at.model, recordings), offer=None)
         if not _white(there.at):
-            alone = _fitted(meant if contact is None else contact[0].model, recordings)
             known = None if contact is None else contact[1]
-            there = _searched(alone, recordings, begun, enough, known)
+            alone = there.at
+            if known is None or len(found.causes) > 1:
+                alone = _fitted(meant if contact is None else contact[0].model, recordings)
+            wanted = found.at.posterior.evidence + WORTH
+            there = _searched(alone, recordings, begun, enough, known, wanted)
             there = replace(there, trace=(*found.trace, *there.trace))
     except SimulationError as err:
         LOG.info("with an exact set-up: %s", err)
@@ -91,7 +94,7 @@ def _fitted(model: ParametricModel, recordings: Sequence[Recording]) -> Evaluati
 
 def _searched(
     alone: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start], enough: float,
-    known: Proposal | None,
+    known: Proposal | None, wanted: float,
 ) -> Search:  # fmt: skip
     """A search beside an exact set-up.
 
@@ -101,10 +104,11 @@ def _searched(
     Args:
         alone: the fit without causes but that which is known already.
         known: that cause; None: there is none.
+        wanted: log evidence without which it is in vain, see `search`.
     """
 
     def beside(at: Evaluation, cause: Proposal) -> Search:
-        return search(at, alone.model, recordings, begun, enough, present=(cause,))
+        return search(at, alone.model, recordings, begun, enough, present=(cause,), wanted=wanted)
 
     if known is not None:
         return beside(alone, known)
