@@ -76,7 +76,7 @@ def expected_width(camera: Camera, diameter: float, ends: EndPoses) -> float:
     Raises:
         VisionError: the camera does not look at the board's plane.
     """
-    known = [end.position for end in (ends.start, ends.end) if end is not None]
+    known = [place for place in ends.places if np.isfinite(place).all()]
     pixels = np.array([[0.5 * camera.width, 0.5 * camera.height]])
     if known:
         board = np.array([[p[0], 0.0, p[1]] for p in known])
@@ -93,20 +93,40 @@ def expected_width(camera: Camera, diameter: float, ends: EndPoses) -> float:
     return diameter / float(np.median(scales))
 
 
-def traced_backwards(outer: FloatArray, before: LastShape | None, diameter: float) -> bool:
-    """Whether a path without known ends runs from the end to the start.
+def from_start(
+    course: FloatArray, camera: Camera, ends: EndPoses, before: LastShape | None, diameter: float
+) -> FloatArray:
+    """A course [px], turned round where both ends are free and its first point is the end.
+
+    Args:
+        course: pixels, shape (m, 2).
+        camera: camera of the picture.
+        ends, before, diameter: see `traced_backwards`.
+    """
+    if ends.start is not None or ends.end is not None:
+        return course
+    outer = camera.to_board(course[[0, -1]])[:, [0, 2]]
+    return course[::-1] if traced_backwards(outer, ends, before, diameter) else course
+
+
+def traced_backwards(
+    outer: FloatArray, ends: EndPoses, before: LastShape | None, diameter: float
+) -> bool:
+    """Whether a path between free ends runs from the end to the start.
 
     Args:
         outer: first and last point of the path on the board, x and z [m], shape (2, 2).
+        ends: clamps, if any, in whose places the command is not believed, but near them.
         before: the shape before; None at a first detection, where the start is further left.
         diameter: diameter of the DLO [m], by which x must differ.
     """
-    first, last = outer
-    if before is not None:
-        start, end = before.curve[0], before.curve[-1]
-        kept = np.hypot(*(first - start)) + np.hypot(*(last - end))
-        turned = np.hypot(*(last - start)) + np.hypot(*(first - end))
+    known = ends.places
+    if np.isnan(known).all() and before is not None:
+        known = before.curve[[0, -1]]
+    if not np.isnan(known).all():
+        kept, turned = (np.nansum(np.hypot(*(o - known).T)) for o in (outer, outer[::-1]))
         return bool(turned < kept)
+    first, last = outer
     if abs(first[0] - last[0]) > diameter:
         return bool(first[0] > last[0])
     return bool(first[1] > last[1])

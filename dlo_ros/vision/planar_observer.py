@@ -31,10 +31,11 @@ from dlo_ros.vision.expected_shape import (
     expected_shape,
     expected_shapes,
     expected_width,
+    from_start,
     resample_count,
-    traced_backwards,
 )
 from dlo_ros.vision.fit.course_evidence import chance_length, evidence
+from dlo_ros.vision.fit.hooked_ends import is_hooked
 from dlo_ros.vision.fit.material_coordinates import find_ends
 from dlo_ros.vision.fit.planar_clamps import EndPoses, clamps_in, ends_at
 from dlo_ros.vision.fit.planar_credibility import (
@@ -70,7 +71,9 @@ from dlo_ros.vision.tracing.ridge_tracing import find_chains
 
 LOG = logging.getLogger(__name__)
 
-TONES_EVERY = 5  # images without a DLO between two that are searched for ropes of several colours
+OTHERWISE_EVERY = 5
+"""Images without a DLO between two that are searched for ropes of several colours, and for ends
+beside their clamps."""
 ALIKE = 0.12  # relative difference of a width from the expected one that is none
 NEAR_CHAIN, NEAR = 0.75, 0.5
 """Distances [widths] of a free end from the end of a course of chains, and of a measured one, up to
@@ -103,6 +106,7 @@ class Observer:
         self._misses = 0
         self._found: tuple[SplineFit, Located] | None = None
         self._settled = True
+        self._beside = False
         self._hints = Hints(settings.vision)
 
     @property
@@ -119,7 +123,7 @@ class Observer:
     def reset(self) -> None:
         """Forget the last shape."""
         self._lose()
-        self._seen_last = None
+        self._seen_last, self._beside = None, False
 
     def _lose(self) -> None:
         """Track no longer; what was seen last may still choose between plausible courses."""
@@ -144,16 +148,38 @@ class Observer:
         """
         if predicted is not None:
             check_prediction(predicted)
-        result = self._look(stamp, image, predicted)
+        result = self._look(stamp, image_of(self.camera, image), predicted)
         assert self._last is not None
         self._misses = 0
         self._seen_last = self._last, self._velocity
         return result
 
     def _look(self, stamp: int, image: Image, predicted: FloatArray | None) -> VisionResult:
+        """Look between the clamps, or else for ends that are seen beside them, and remember it."""
+        commanded = ends_at(self.motion, stamp)
+        doubted = commanded.in_doubt()
+        ends, other = (doubted, commanded) if self._beside else (commanded, doubted)
+        result, failure = None, VisionError("")
+        try:
+            result = self._find(stamp, image, ends, predicted)
+        except VisionError as err:
+            failure = err
+        missed = result is None and self._misses % OTHERWISE_EVERY == 1
+        if doubted.doubted is not None and (missed or is_hooked(result, ends)):
+            kept = self._last, self._velocity, self._misses
+            try:
+                result = self._find(stamp, image, other, predicted)
+                self._beside = not self._beside
+            except VisionError:
+                self._last, self._velocity, self._misses = kept
+        if result is None:
+            raise failure
+        return result
+
+    def _find(
+        self, stamp: int, image: Image, ends: EndPoses, predicted: FloatArray | None
+    ) -> VisionResult:
         """Track, or else search the whole image."""
-        image = image_of(self.camera, image)
-        ends = ends_at(self.motion, stamp)
         last = self._last
         if last is not None and not 0 <= stamp - last.stamp <= FRESH:
             last = self._last = None
@@ -196,7 +222,7 @@ class Observer:
     ) -> VisionResult:
         """Search the whole image; a shape that was just lost determines which end is the start."""
         width = expected_width(self.camera, self.settings.rod.diameter, ends)
-        held = [end.position for end in (ends.start, ends.end) if end is not None]
+        held = [place for place in ends.places if np.isfinite(place).all()]
         rod = self.settings.rod
         allowed = reach(self.camera, held, rod.length, rod.diameter)
         hinted = self._hints.allowed(image, width)
@@ -208,7 +234,7 @@ class Observer:
             raise  # two answers are no miss: a search that sees less would but choose one
         except VisionError as err:
             self._misses += 1
-            if self._misses % TONES_EVERY != 1:
+            if self._misses % OTHERWISE_EVERY != 1:
                 raise
             try:  # a rope of twisted or braided colours
                 return self._search(
@@ -285,7 +311,8 @@ class Observer:
         tones: bool,
     ) -> VisionResult:
         """Measure the DLO along a course, and refuse one that the picture does not bear out."""
-        points = self._from_start(points, ends, before)
+        rod, camera = self.settings.rod, self.camera
+        points = from_start(points, camera, ends, before, rod.diameter)
         rough = RoughDetection(path.colour, path.contrast, width, tones, tones)
         held = ends.start is not None and ends.end is not None
         result = self._measure(stamp, image, ends, points, width, rough, final=held)
@@ -296,7 +323,7 @@ class Observer:
         alike = abs(result.width - width) < ALIKE * width  # else it may be the DLO with its shadow
         near = NEAR_CHAIN if alike and self._settled else 0.0
         for _ in range(MOST_PROLONGED):
-            known = self._from_start(result.pixels, ends, before)
+            known = from_start(result.pixels, camera, ends, before, rod.diameter)
             moved = np.hypot(*(known[[0, -1]] - points[[0, -1]]).T)
             if np.max(moved) < near * result.width:
                 break
@@ -305,31 +332,14 @@ class Observer:
             rough = RoughDetection(first.colour, first.contrast, width, first.known_width, tones)
             result = self._measure(stamp, image, ends, points, result.width, rough, final=False)
         assert self._found is not None
-        check(*self._found, ends, self.camera, self.basis.length, self.settings.rod.diameter)
+        check(*self._found, ends, camera, rod.length, rod.diameter)
         check_gaps(image, result.pixels, result.pixels_seen, result.width, result.contrast)
         return result
 
-    def _from_start(
-        self, course: FloatArray, ends: EndPoses, before: LastShape | None
-    ) -> FloatArray:
-        """A course [px], turned round where both ends are free and its first point is the end."""
-        if ends.start is not None or ends.end is not None:
-            return course
-        outer = self.camera.to_board(course[[0, -1]])[:, [0, 2]]
-        backwards = traced_backwards(outer, before, self.settings.rod.diameter)
-        return course[::-1] if backwards else course
-
     def _measure(
-        self,
-        stamp: int,
-        image: Image,
-        ends: EndPoses,
-        points: FloatArray,
-        width: float,
-        rough: RoughDetection,
-        *,
-        final: bool,
-    ) -> VisionResult:
+        self, stamp: int, image: Image, ends: EndPoses, points: FloatArray, width: float,
+        rough: RoughDetection, *, final: bool,
+    ) -> VisionResult:  # fmt: skip
         """Locate the DLO along a rough course and fit it."""
         spacing = spacing_for(width)
         curve, before = prolong(points, width, spacing, ends.start is None, ends.end is None)
@@ -362,15 +372,9 @@ class Observer:
         return self._finish(stamp, image, located, ends, before, last, True)
 
     def _finish(
-        self,
-        stamp: int,
-        image: Image,
-        located: Located,
-        ends: EndPoses,
-        prolonged: float,
-        last: LastShape | None,
-        final: bool,
-    ) -> VisionResult:
+        self, stamp: int, image: Image, located: Located, ends: EndPoses, prolonged: float,
+        last: LastShape | None, final: bool,
+    ) -> VisionResult:  # fmt: skip
         """Ends, spline and, where it is the final one, checks."""
         rod = self.settings.rod
         free = (ends.start is None, ends.end is None)
@@ -389,10 +393,6 @@ class Observer:
         return result
 
     def _remember(self, stamp: int, fit: SplineFit, located: Located, ends: EndPoses) -> None:
-        last = self._last
         curve = resample_count(fit.curve, 400)
-        if last is not None and stamp > last.stamp:
-            self._velocity = (curve - last.curve) / ((stamp - last.stamp) * 1e-9)
-        else:
-            self._velocity = None
+        self._velocity = None if self._last is None else self._last.velocity_to(curve, stamp)
         self._last = LastShape.of(stamp, curve, fit.seen_length, located, ends)

@@ -104,3 +104,8 @@ class LastShape:
             located.known_width,
             located.tones,
         )
+
+    def velocity_to(self, curve: FloatArray, stamp: int) -> FloatArray | None:
+        """Velocity of the points of a later shape, (m, 2) [m/s]; None where it is no later."""
+        elapsed = (stamp - self.stamp) * 1e-9
+        return (curve - self.curve) / elapsed if elapsed > 0.0 else None

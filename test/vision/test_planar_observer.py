@@ -258,3 +258,29 @@ def test_hard_pictures_are_right_or_silent():
     assert total["right"] >= 0.85 * 48
     assert total["wrong"] <= 1
     assert sum(reasons.values()) == total["silent"]
+
+
+@pytest.mark.parametrize("names", [("start", "end"), ("start",), ("end",)])
+def test_a_rope_beside_its_clamps_is_seen_all_the_same(names):
+    """A bracket or a camera is not where it should be; the ends keep their names."""
+    scene, xz = Scene(), bow()
+    beside = np.array([0.006, 0.009])
+    for shape in (xz, xz[::-1]):
+        seen = Observer(settings(scene), scene.camera(), clamps(shape + beside, names=names))
+        result = seen.observe(0, render(xz, scene))
+        assert result.seen_length == pytest.approx(LENGTH, rel=5e-3)
+        across, along, _ = errors_px(result, shape, scene)
+        assert np.sqrt(np.mean(across**2)) < 0.15
+        assert np.abs(along).max() < 4.0
+        # It is tracked from there.
+        again = seen.observe(FRAME, render(xz, scene))
+        assert again.tracked
+        assert again.seen_length == pytest.approx(LENGTH, rel=5e-3)
+
+
+def test_a_rope_far_from_its_clamps_is_refused():
+    scene, xz = Scene(), bow()
+    motion = clamps(xz + np.array([0.0, 0.15 * LENGTH]))
+    seen = Observer(settings(scene), scene.camera(), motion)
+    with pytest.raises(VisionError):
+        seen.observe(0, render(xz, scene))

@@ -21,10 +21,31 @@ DIRECTION_STEP = 0.2  # [diameters] of the difference quotient that gives a dire
 
 @dataclass(frozen=True, eq=False)
 class EndPoses:
-    """The clamps of both ends at one instant; None where an end is free."""
+    """The clamps of both ends at one instant; None where an end is free.
+
+    Args:
+        start, end: the clamps.
+        doubted: places (x, z) [m] of start and end, NaN where an end is free, of clamps that are
+            not where the command says: the ends are looked for as if they were free. None where
+            the command is believed. Shape (2, 2).
+    """
 
     start: ClampBoard | None = None
     end: ClampBoard | None = None
+    doubted: FloatArray | None = None
+
+    @property
+    def places(self) -> FloatArray:
+        """Places (x, z) of start and end, as the command says [m]; NaN where an end is free."""
+        if self.doubted is not None:
+            return self.doubted
+        free = np.full(2, np.nan)
+        return np.array([free if c is None else c.position for c in (self.start, self.end)])
+
+    def in_doubt(self) -> EndPoses:
+        """The same, not believed; free ends where none is held."""
+        places = self.places
+        return EndPoses(doubted=None if np.isnan(places).all() else places)
 
 
 def ends_at(motion: Motion | None, stamp: int) -> EndPoses:

@@ -29,6 +29,7 @@ WIDEST_FAINT = 1.16  # so that this is the limit: with its shadow it looks at le
 TRACKING_LENGTH_LIMIT = 0.03  # of the length at the last frame
 LARGEST_RESIDUAL = 1.0  # [widths] between measured points and spline
 
+MOST_BESIDE = 0.1  # of L that an end may be seen beside the place where the command has its clamp
 SHARPEST = 0.55  # [rad] over its own width that a DLO bends: a radius of 1.8 widths
 
 SATURATED = 0.5  # share of pixels that are all white or all black, beyond which that is the reason
@@ -97,6 +98,12 @@ def check(
         )
     if sharpest_turn(fit.curve, fit.width) > SHARPEST:
         raise VisionError("what looks like the DLO bends more sharply than one can")
+    if ends.doubted is not None:
+        beside = float(np.nanmax(np.hypot(*(fit.curve[[0, -1]] - ends.doubted).T)))
+        if beside > MOST_BESIDE * length:
+            raise VisionError(
+                f"an end of what looks like the DLO lies {1000 * beside:.3g} mm beside its clamp"
+            )
 
 
 def sharpest_turn(curve: FloatArray, width: float) -> float:
