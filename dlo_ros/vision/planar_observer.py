@@ -35,7 +35,6 @@ from dlo_ros.vision.expected_shape import (
     resample_count,
 )
 from dlo_ros.vision.fit.course_evidence import chance_length, evidence
-from dlo_ros.vision.fit.hooked_ends import is_hooked
 from dlo_ros.vision.fit.material_coordinates import find_ends
 from dlo_ros.vision.fit.planar_clamps import EndPoses, clamps_in, ends_at
 from dlo_ros.vision.fit.planar_credibility import (
@@ -63,6 +62,7 @@ from dlo_ros.vision.tracing.course_choice import (
     on_two_strands,
 )
 from dlo_ros.vision.tracing.course_location import RoughDetection, locate_course
+from dlo_ros.vision.tracing.ends_beside_clamps import ends_beside
 from dlo_ros.vision.tracing.free_ends import prolong
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.reachable_region import reach, spread
@@ -165,7 +165,7 @@ class Observer:
         except VisionError as err:
             failure = err
         missed = result is None and self._misses % OTHERWISE_EVERY == 1
-        if doubted.doubted is not None and (missed or is_hooked(result, ends)):
+        if doubted.doubted is not None and (missed or ends_beside(image, result, ends)):
             kept = self._last, self._velocity, self._misses
             try:
                 result = self._find(stamp, image, other, predicted)

@@ -278,6 +278,31 @@ def test_a_rope_beside_its_clamps_is_seen_all_the_same(names):
         assert again.seen_length == pytest.approx(LENGTH, rel=5e-3)
 
 
+@pytest.mark.parametrize("ahead", [0.007, 0.011])
+def test_a_rope_that_begins_ahead_of_its_clamp_is_measured_from_there(ahead):
+    """The bridge to the clamp would be smooth, but shows the bare board."""
+    scene, xz = Scene(), bow()
+    inwards = (xz[2] - xz[0]) / np.hypot(*(xz[2] - xz[0]))
+    motion = clamps(np.vstack([xz[0] - ahead * inwards, xz]), names=("start",))
+    result = Observer(settings(scene), scene.camera(), motion).observe(0, render(xz, scene))
+    assert result.seen_length == pytest.approx(LENGTH, rel=5e-3)
+    _, along, _ = errors_px(result, xz, scene)
+    assert np.abs(along).max() < 4.0
+
+
+@pytest.mark.parametrize("names", [("start", "end"), ("start",)])
+def test_a_gripper_that_hides_the_end_leaves_it_at_the_clamp(names):
+    xz = bow()
+    x, y = Scene().camera().project(np.array([[xz[0, 0], 0.0, xz[0, 1]]]))[0]
+    box = ("box", round(x) - 40, round(y) - 24, round(x) + 18, round(y) + 24, (150, 150, 160))
+    scene = Scene(extra=[box])
+    result = observer(xz, scene, names).observe(0, render(xz, scene))
+    assert result.seen_length == pytest.approx(LENGTH, rel=4e-3)
+    across, along, _ = errors_px(result, xz, scene)
+    assert np.sqrt(np.mean(across**2)) < 0.15
+    assert np.abs(along).max() < 2.0
+
+
 def test_a_rope_far_from_its_clamps_is_refused():
     scene, xz = Scene(), bow()
     motion = clamps(xz + np.array([0.0, 0.15 * LENGTH]))

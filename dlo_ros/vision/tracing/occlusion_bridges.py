@@ -66,10 +66,10 @@ def check_bridges(image: Image, pixels: FloatArray, seen: Mask, width: float) ->
         strip = strip_along(image, course[about], normals[about], offsets)
         first, last = first - about.start, last - about.start
         _, bare = dlo.odds(strip[first:last])
-        longest = _longest((bare > 0.0) & ~_covered(dlo, strip, first, last)) / STEPS
-        if longest > LONGEST_BARE:
+        bare_for = _longest((bare > 0.0) & ~_covered(dlo, strip, first, last)) / STEPS
+        if bare_for > LONGEST_BARE:
             raise VisionError(
-                f"what looks like the DLO leaves it for {longest:.1f} widths of bare board"
+                f"what looks like the DLO leaves it for {bare_for:.1f} widths of bare board"
             )
 
 
