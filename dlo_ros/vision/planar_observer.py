@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -40,6 +41,7 @@ from dlo_ros.vision.fit.planar_clamps import EndPoses, clamps_in, ends_at
 from dlo_ros.vision.fit.planar_credibility import (
     LEAST_SEEN,
     LENGTH_LIMITS,
+    MOST_BESIDE,
     IncompleteError,
     check,
     check_change,
@@ -159,22 +161,23 @@ class Observer:
         commanded = ends_at(self.motion, stamp)
         doubted = commanded.in_doubt()
         ends, other = (doubted, commanded) if self._beside else (commanded, doubted)
-        result, failure = None, VisionError("")
+        found, failure = None, VisionError("")
         try:
-            result = self._find(stamp, image, ends, predicted)
+            found = self._find(stamp, image, ends, predicted)
         except VisionError as err:
             failure = err
-        missed = result is None and self._misses % OTHERWISE_EVERY == 1
-        if doubted.doubted is not None and (missed or ends_beside(image, result, ends)):
+        missed = found is None and self._misses % OTHERWISE_EVERY == 1
+        if doubted.doubted is not None and (missed or ends_beside(image, found, ends)):
             kept = self._last, self._velocity, self._misses
-            try:
-                result = self._find(stamp, image, other, predicted)
-                self._beside = not self._beside
-            except VisionError:
-                self._last, self._velocity, self._misses = kept
-        if result is None:
+            with suppress(VisionError):
+                instead = self._find(stamp, image, other, predicted)
+                if not ends_beside(image, instead, other):
+                    self._beside = not self._beside
+                    return instead
+            self._last, self._velocity, self._misses = kept
+        if found is None:
             raise failure
-        return result
+        return found
 
     def _find(
         self, stamp: int, image: Image, ends: EndPoses, predicted: FloatArray | None
@@ -224,7 +227,8 @@ class Observer:
         width = expected_width(self.camera, self.settings.rod.diameter, ends)
         held = [place for place in ends.places if np.isfinite(place).all()]
         rod = self.settings.rod
-        allowed = reach(self.camera, held, rod.length, rod.diameter)
+        farthest = rod.length * (1.0 if ends.doubted is None else 1.0 + 2.0 * MOST_BESIDE)
+        allowed = reach(self.camera, held, farthest, rod.diameter)
         hinted = self._hints.allowed(image, width)
         if hinted is not None:
             allowed = hinted if allowed is None else hinted & spread(allowed, hinted)
@@ -300,16 +304,9 @@ class Observer:
         return result
 
     def _follow(
-        self,
-        stamp: int,
-        image: Image,
-        ends: EndPoses,
-        before: LastShape | None,
-        points: FloatArray,
-        path: Path,
-        width: float,
-        tones: bool,
-    ) -> VisionResult:
+        self, stamp: int, image: Image, ends: EndPoses, before: LastShape | None,
+        points: FloatArray, path: Path, width: float, tones: bool,
+    ) -> VisionResult:  # fmt: skip
         """Measure the DLO along a course, and refuse one that the picture does not bear out."""
         rod, camera = self.settings.rod, self.camera
         points = from_start(points, camera, ends, before, rod.diameter)

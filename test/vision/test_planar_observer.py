@@ -309,3 +309,21 @@ def test_a_rope_far_from_its_clamps_is_refused():
     seen = Observer(settings(scene), scene.camera(), motion)
     with pytest.raises(VisionError):
         seen.observe(0, render(xz, scene))
+
+
+def test_a_rope_beside_its_clamps_is_not_bridged_to_them_where_it_is_hidden():
+    """What was found beside the clamps is kept to: a miss is better than another u."""
+    scene, xz = Scene(), bow()
+    seen = Observer(settings(scene), scene.camera(), clamps(xz + np.array([0.006, 0.009])))
+    assert seen.observe(0, render(xz, scene)).seen_length == pytest.approx(LENGTH, rel=5e-3)
+    x, y = scene.camera().project(np.array([[xz[0, 0], 0.0, xz[0, 1]]]))[0]
+    box = ("box", round(x) - 30, round(y) - 30, round(x) + 60, round(y) + 60, (150, 150, 160))
+    hidden = render(xz, replace(scene, extra=[box]))
+    for k in range(1, 8):
+        try:
+            result = seen.observe(k * FRAME, hidden)
+        except VisionError:
+            continue
+        assert result.seen_length == pytest.approx(LENGTH, rel=1.5e-2)
+    again = seen.observe(8 * FRAME, render(xz, scene))
+    assert again.seen_length == pytest.approx(LENGTH, rel=5e-3)
