@@ -71,7 +71,7 @@ INSIDE = {
         ("calibration", "tracing"),
         ("fit",),
         ("photograph", "planar_result", "predictions"),
-        ("expected_shape",),
+        ("ends_beside_clamps", "expected_shape"),
         ("overlay", "planar_observer"),
         ("contact_sheet", "space"),
         ("compile_vision", "points"),

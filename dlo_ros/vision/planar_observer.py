@@ -26,6 +26,7 @@ from dlo_ros.errors import VisionError
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.vision.camera.pinhole import Camera
+from dlo_ros.vision.ends_beside_clamps import ends_beside
 from dlo_ros.vision.expected_shape import (
     FRESH,
     check_prediction,
@@ -64,7 +65,6 @@ from dlo_ros.vision.tracing.course_choice import (
     on_two_strands,
 )
 from dlo_ros.vision.tracing.course_location import RoughDetection, locate_course
-from dlo_ros.vision.tracing.ends_beside_clamps import ends_beside
 from dlo_ros.vision.tracing.free_ends import prolong
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.reachable_region import reach, spread
