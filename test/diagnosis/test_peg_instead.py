@@ -45,14 +45,17 @@ def test_pegs_touch_the_dlo_where_the_wall_does():
 
 
 @pytest.mark.parametrize(
-    ("err", "evidence", "named", "rivals"),
+    ("err", "goes_on_to", "evidence", "named", "rivals"),
     [
-        (0.5e-3, -50.0, "obstacle", []), (1e-3, 0.0, "wall", ["obstacle"]),
-        (1e-3, 50.0, "obstacle", ["wall"]), (1.3e-3, 50.0, "wall", []), (None, 0.0, "wall", []),
+        (0.5e-3, 1e-3, -50.0, "obstacle", []), (1e-3, None, 0.0, "wall", ["obstacle"]),
+        (1e-3, None, 50.0, "obstacle", ["wall"]), (1.3e-3, None, 50.0, "wall", []),
+        (None, None, 0.0, "wall", []),
+        # The wall's fit had not ended, and the peg's has just gone on.
+        (0.5e-3, 0.52e-3, -50.0, "wall", ["obstacle"]),
     ],
 )  # fmt: skip
 def test_a_peg_that_comes_nearer_is_taken_and_one_as_near_is_a_rival_or_has_it(
-    monkeypatch, err, evidence, named, rivals
+    monkeypatch, err, goes_on_to, evidence, named, rivals
 ):
     at = hit()
     found = Search(at, (WALL,), (), None)
@@ -65,6 +68,8 @@ def test_a_peg_that_comes_nearer_is_taken_and_one_as_near_is_a_rival_or_has_it(
         return None if err is None else SimpleNamespace(model=model, mean_err=1.5 * err)
 
     def fit(begun, *_):
+        if begun is at:
+            return hit(goes_on_to)
         posterior = SimpleNamespace(evidence=evidence)
         ended.append(SimpleNamespace(model=begun.model, mean_err=err, posterior=posterior))
         return ended[-1]
@@ -75,7 +80,8 @@ def test_a_peg_that_comes_nearer_is_taken_and_one_as_near_is_a_rival_or_has_it(
     after, contact = with_peg_or_wall(found, None, ())
     assert len(tried) > 1
     assert [c.effect for c in after.causes] == [named]
-    assert (after.at is at) == (named == "wall")
+    assert (after.at in ended) == (named == "obstacle")
+    assert (after.at is at) == (named == "wall" and goes_on_to is None)
     assert len(ended) == (err is not None)  # one of them is fitted to its end
     assert list(contact.rivals if contact else {}) == rivals
     if contact:  # beside a model that lacks something the other one may be as right

@@ -55,6 +55,9 @@ def with_peg_or_wall(
         return found, contact
     at, proposal = peg
     round_, flat = (nearest_err(e, recordings) for e in (at, found.at))
+    if round_ < (1.0 - LOWERS) * flat:  # the peg's fit has just gone on, and the wall's has not
+        found = replace(found, at=fit(found.at, recordings, FIT_ITERATIONS))
+        flat = nearest_err(found.at, recordings)
     LOG.info("a peg instead of the wall: %.3f mm, %.3f mm with it", 1e3 * round_, 1e3 * flat)
     nearer = round_ < (1.0 - LOWERS) * flat
     as_near = (1.0 - LOWERS) * round_ <= flat
