@@ -169,6 +169,7 @@ def solve(case: Case, folder: Path, *, pictures: bool = False) -> Result:
         raise SystemExit(f"case {case.seed}: status {status}")
     report = json.loads((output / "report.json").read_text())
     simulated = json.loads((folder / "case.json").read_text())["compared"]
+    simulated |= {n: _as_told(case, n, report) for n in DAMPINGS if n in case.causes}
     main, wrong = judge(case, report)
     rod = case.trees[0]["parameters"]["rod"]
     found = report["extended"]["specific_modulus"]
