@@ -77,7 +77,7 @@ def test_the_search_ends_with_a_cause_that_takes_too_little_away_to_be_named(mon
 
 @pytest.mark.parametrize(("wanted", "steps"), [(-np.inf, 4), (201.0, 2), (121.0, 3), (119.0, 4)])
 def test_a_search_ends_where_its_evidence_can_hardly_be_enough(monkeypatch, wanted, steps):
-    """Of at most six causes the second raises the evidence by 40, the next by 20 each."""
+    """The second of at most six causes raises the log evidence by 40, each further cause by 20."""
     gains, left = [20.0, 40.0, 60.0, 80.0], [1.6e-3, 1.2e-3, 0.9e-3, 0.6e-3]
     offers = [SimpleNamespace(label=f"e{k}", effect=f"e{k}", start=object()) for k in range(4)]
     without_simulations(monkeypatch, 0.1e-3)

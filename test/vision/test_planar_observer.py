@@ -312,7 +312,7 @@ def test_a_rope_far_from_its_clamps_is_refused():
 
 
 def test_a_rope_beside_its_clamps_is_not_bridged_to_them_where_it_is_hidden():
-    """What was found beside the clamps is kept to: a miss is better than another u."""
+    """Ends found beside the clamps stay there: a picture without a shape is better than wrong u."""
     scene, xz = Scene(), bow()
     seen = Observer(settings(scene), scene.camera(), clamps(xz + np.array([0.006, 0.009])))
     assert seen.observe(0, render(xz, scene)).seen_length == pytest.approx(LENGTH, rel=5e-3)
