@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dlo_ros.errors import InputError, VisionError
@@ -76,7 +78,7 @@ def expected_width(camera: Camera, diameter: float, ends: EndPoses) -> float:
     Raises:
         VisionError: the camera does not look at the board's plane.
     """
-    known = [place for place in ends.places if np.isfinite(place).all()]
+    known = ends.held
     pixels = np.array([[0.5 * camera.width, 0.5 * camera.height]])
     if known:
         board = np.array([[p[0], 0.0, p[1]] for p in known])
@@ -101,35 +103,39 @@ def from_start(
     Args:
         course: pixels, shape (m, 2).
         camera: camera of the picture.
-        ends, before, diameter: see `traced_backwards`.
+        ends: the clamps; those in doubt are near the ends.
+        before: the shape before; None at a first detection.
+        diameter: diameter of the DLO [m].
     """
     if ends.start is not None or ends.end is not None:
         return course
+    known: Sequence[FloatArray | None] = ends.places
+    if not ends.held and before is not None:
+        known = list(before.curve[[0, -1]])
     outer = camera.to_board(course[[0, -1]])[:, [0, 2]]
-    return course[::-1] if traced_backwards(outer, ends, before, diameter) else course
+    return course[::-1] if traced_backwards(outer, known, diameter) else course
 
 
 def traced_backwards(
-    outer: FloatArray, ends: EndPoses, before: LastShape | None, diameter: float
+    outer: FloatArray, known: Sequence[FloatArray | None], diameter: float
 ) -> bool:
-    """Whether a path between free ends runs from the end to the start.
+    """Whether a path runs from the end to the start.
 
     Args:
-        outer: first and last point of the path on the board, x and z [m], shape (2, 2).
-        ends: clamps, if any, in whose places the command is not believed, but near them.
-        before: the shape before; None at a first detection, where the start is further left.
-        diameter: diameter of the DLO [m], by which x must differ.
+        outer: first and last point of the path, x, (y,) z [m], shape (2, d).
+        known: about where start and end are [m], shape (d,); None: unknown. Where both are, the
+            start is the end of the smaller x, or z where x agrees to a diameter.
+        diameter: diameter of the DLO [m].
     """
-    known = ends.places
-    if np.isnan(known).all() and before is not None:
-        known = before.curve[[0, -1]]
-    if not np.isnan(known).all():
-        kept, turned = (np.nansum(np.hypot(*(o - known).T)) for o in (outer, outer[::-1]))
-        return bool(turned < kept)
-    first, last = outer
-    if abs(first[0] - last[0]) > diameter:
-        return bool(first[0] > last[0])
-    return bool(first[1] > last[1])
+    places = [(k, place) for k, place in enumerate(known) if place is not None]
+    if not places:
+        apart = outer[0] - outer[1]
+        return bool(apart[0 if abs(apart[0]) > diameter else -1] > 0.0)
+    kept, turned = (
+        sum(float(np.linalg.norm(way[k] - place)) for k, place in places)
+        for way in (outer, outer[::-1])
+    )
+    return turned < kept
 
 
 def check_prediction(control_points: FloatArray) -> None:

@@ -225,10 +225,9 @@ class Observer:
     ) -> VisionResult:
         """Search the whole image; a shape that was just lost determines which end is the start."""
         width = expected_width(self.camera, self.settings.rod.diameter, ends)
-        held = [place for place in ends.places if np.isfinite(place).all()]
         rod = self.settings.rod
         farthest = rod.length * (1.0 if ends.doubted is None else 1.0 + 2.0 * MOST_BESIDE)
-        allowed = reach(self.camera, held, farthest, rod.diameter)
+        allowed = reach(self.camera, ends.held, farthest, rod.diameter)
         hinted = self._hints.allowed(image, width)
         if hinted is not None:
             allowed = hinted if allowed is None else hinted & spread(allowed, hinted)

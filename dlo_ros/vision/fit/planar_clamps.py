@@ -18,6 +18,9 @@ from dlo_ros.vision.tracing.chain_ordering import ClampPixel
 LEAST_DIRECTION = 0.2  # share of a direction that must lie in the board's plane
 DIRECTION_STEP = 0.2  # [diameters] of the difference quotient that gives a direction in the picture
 
+Places = tuple[FloatArray | None, FloatArray | None]
+"""Places (x, z) of start and end [m], shape (2,) each; None where an end is free."""
+
 
 @dataclass(frozen=True, eq=False)
 class EndPoses:
@@ -25,27 +28,30 @@ class EndPoses:
 
     Args:
         start, end: the clamps.
-        doubted: places (x, z) [m] of start and end, NaN where an end is free, of clamps that are
-            not where the command says: the ends are looked for as if they were free. None where
-            the command is believed. Shape (2, 2).
+        doubted: places of clamps that are not where the command says: the ends are looked for as
+            if they were free. None where the command is believed.
     """
 
     start: ClampBoard | None = None
     end: ClampBoard | None = None
-    doubted: FloatArray | None = None
+    doubted: Places | None = None
 
     @property
-    def places(self) -> FloatArray:
-        """Places (x, z) of start and end, as the command says [m]; NaN where an end is free."""
+    def places(self) -> Places:
+        """Places of both ends as the command says."""
         if self.doubted is not None:
             return self.doubted
-        free = np.full(2, np.nan)
-        return np.array([free if c is None else c.position for c in (self.start, self.end)])
+        start, end = self.start, self.end
+        return None if start is None else start.position, None if end is None else end.position
+
+    @property
+    def held(self) -> list[FloatArray]:
+        """Places (x, z) of the ends that are held, as the command says [m]."""
+        return [place for place in self.places if place is not None]
 
     def in_doubt(self) -> EndPoses:
         """The same, not believed; free ends where none is held."""
-        places = self.places
-        return EndPoses(doubted=None if np.isnan(places).all() else places)
+        return EndPoses(doubted=self.places if self.held else None)
 
 
 def ends_at(motion: Motion | None, stamp: int) -> EndPoses:

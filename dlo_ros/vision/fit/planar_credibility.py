@@ -99,7 +99,8 @@ def check(
     if sharpest_turn(fit.curve, fit.width) > SHARPEST:
         raise VisionError("what looks like the DLO bends more sharply than one can")
     if ends.doubted is not None:
-        beside = float(np.nanmax(np.hypot(*(fit.curve[[0, -1]] - ends.doubted).T)))
+        places = zip(fit.curve[[0, -1]], ends.doubted, strict=True)
+        beside = max(float(np.hypot(*(end - place))) for end, place in places if place is not None)
         if beside > MOST_BESIDE * length:
             raise VisionError(
                 f"an end of what looks like the DLO lies {1000 * beside:.3g} mm beside its clamp"

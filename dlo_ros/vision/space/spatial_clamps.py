@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from dlo_ros.command import CONTROL_POINT, END, START, Command, Motion
 from dlo_ros.spline import FloatArray
+from dlo_ros.vision.expected_shape import traced_backwards
 from dlo_ros.vision.space.reprojection import ClampPose
 
 Clamps = tuple[ClampPose | None, ClampPose | None]
@@ -64,12 +65,5 @@ def from_start(
             start is the end of the smaller x, or z where x agrees to a diameter.
         diameter: diameter of the DLO [m].
     """
-    ends = points[[0, -1]]
-    if start is None and end is None:
-        apart = ends[0] - ends[1]
-        turned = bool(apart[0 if abs(apart[0]) > diameter else 2] > 0.0)
-    else:
-        known = [(k, place) for k, place in enumerate((start, end)) if place is not None]
-        kept = sum(float(np.linalg.norm(ends[k] - place)) for k, place in known)
-        turned = sum(float(np.linalg.norm(ends[1 - k] - place)) for k, place in known) < kept
+    turned = traced_backwards(points[[0, -1]], (start, end), diameter)
     return points[::-1] if turned else points
