@@ -15,7 +15,7 @@ from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parallel import Threads
 from dlo_ros.inference.parameter import ParametricModel, acts_in, number_of
 from dlo_ros.inference.slide import slid
-from dlo_ros.inference.spectrum import Spectrum, spectrum
+from dlo_ros.inference.spectrum import Spectrum, of_residuals, spectra
 from dlo_ros.inference.variances import (
     ITERATIONS,
     Posterior,
@@ -76,7 +76,7 @@ class Evaluation(Simulated):
     """A model held against recordings.
 
     Args:
-        spectra: normal equations of each recording.
+        spectra: normal equations of each recording, but for means over time, see `spectrum`.
         variances: variances of the errors of each recording.
         posterior: linearised at the model's values; its evidence and the variances are those of
             these values, not of others to which only the linearised model may come.
@@ -268,13 +268,11 @@ def rejudged(at: Evaluation) -> Evaluation:
 
 
 def _spectra(found: Simulated) -> tuple[Spectrum, ...]:
-    points = found.model.settings.rod.control_points
-    pairs = zip(found.fields, found.motions, strict=True)
-    return tuple(spectrum(r, j, points, motion) for (r, j), motion in pairs)
+    return spectra(found.fields, found.model.settings.rod.control_points, found.motions)
 
 
 def _evaluation(
-    found: Simulated, spectra: tuple[Spectrum, ...], variances: Sequence[Variances] | None, *,
+    found: Simulated, bins: tuple[Spectrum, ...], variances: Sequence[Variances] | None, *,
     fitted: bool = True,
 ) -> Evaluation:  # fmt: skip
     """An evaluation whose likelihood is finite: without one, nothing can be simulated.
@@ -288,16 +286,16 @@ def _evaluation(
     try:
         if fitted:
             length = model.settings.rod.length
-            known, best = fit_variances(spectra, offset, precision, length, variances, linear=False)
+            known, best = fit_variances(bins, offset, precision, length, variances, linear=False)
         else:
             known = tuple(variances or ())
-            best = posterior(spectra, known, offset, precision, linear=False)
+            best = posterior(bins, known, offset, precision, linear=False)
     except np.linalg.LinAlgError as err:  # priors vanish beside the derivatives
         raise SimulationError(BOUNDLESS) from err
     if not np.isfinite(best.evidence):
         raise SimulationError(BOUNDLESS)
     return Evaluation(
-        model, found.fields, found.err, found.predicted, found.motions, spectra, known, best
+        model, found.fields, found.err, found.predicted, found.motions, bins, known, best
     )
 
 
@@ -311,12 +309,12 @@ def restricted(at: Evaluation, names: Sequence[str]) -> Posterior:
 
 
 def linear_posterior(
-    at: Evaluation, spectra: Sequence[Spectrum], offset: FloatArray, precision: FloatArray,
+    at: Evaluation, bins: Sequence[Spectrum], offset: FloatArray, precision: FloatArray,
     iterations: int = VARIANCE_ITERATIONS,
 ) -> Posterior:  # fmt: skip
     """The posterior of a model linearised at an evaluation's values, with fitted variances."""
     length = at.model.settings.rod.length
-    return fit_variances(spectra, offset, precision, length, at.variances, iterations)[1]
+    return fit_variances(bins, offset, precision, length, at.variances, iterations)[1]
 
 
 def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]) -> Evaluation:
@@ -338,8 +336,8 @@ def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Record
     shorter = [len(r) < s.frames for (r, _), s in zip(fields, at.spectra, strict=True)]
     if any(shorter):
         return replace(compared(found, at.variances), derived=False)
-    spectra = tuple(s.of_residual(r, pick) for (r, _), s in zip(fields, at.spectra, strict=True))
-    return replace(_evaluation(found, spectra, at.variances, fitted=False), derived=False)
+    bins = of_residuals(at.spectra, [r for r, _ in fields], pick)
+    return replace(_evaluation(found, bins, at.variances, fitted=False), derived=False)
 
 
 def linearly_fitted(at: Simulated) -> Evaluation:

@@ -5,6 +5,11 @@ Errors of real measurements and of models are correlated in time and along the D
 transform in time and the principal modes of a smooth function along the DLO make such errors nearly
 independent (Whittle, Estimation and information in stationary time series, 1953), so that in each
 bin their variance is one number. The normal equations of each bin are all that inference needs.
+
+Recordings of one set-up share its errors, those of its calibration above all, which are the same in
+all frames of all recordings. They stand in the mean over all frames of all recordings and in
+nothing that is orthogonal to it. So the means over time of R recordings are turned into that mean,
+which is kept with the first recording, and R - 1 contrasts between recordings.
 """
 
 from __future__ import annotations
@@ -45,6 +50,8 @@ class Spectrum:
             along the DLO as `share` says [m^2], shape (B,).
         still: F where the frequency is zero, else 0: by how much more the variance of an error that
             is the same in all frames is seen there, shape (B,).
+        alike: the same of an error that is the same in all frames of all recordings; of the first
+            recording alone it is not 0, shape (B,).
         jacobian: the Jacobian itself, by parts, modes, and frequencies, shape (D, n, F, P); None
             where it is not kept.
     """
@@ -61,6 +68,7 @@ class Spectrum:
     frequency: FloatArray
     motion: FloatArray
     still: FloatArray
+    alike: FloatArray
     jacobian: FloatArray | None = None
 
     @property
@@ -75,28 +83,6 @@ class Spectrum:
             self, gradient=self.gradient[:, pick], hessian=self.hessian[:, pick[:, None], pick],
             jacobian=None,
         )  # fmt: skip
-
-    def of_residual(self, residual: FloatArray, columns: Sequence[int]) -> Spectrum:
-        """The spectrum of other residuals with the same Jacobian, by some of the parameters.
-
-        Args:
-            residual: coefficients [m], shape (F, K).
-            columns: numbers of the parameters.
-        """
-        assert self.jacobian is not None  # it is that of a recording
-        every = list(columns) == list(range(self.gradient.shape[1]))
-        jacobian = self.jacobian if every else self.jacobian[..., list(columns)]
-        parts, n, frames, count = jacobian.shape
-        left = transformed(residual[:, None], n)
-        bins = list(product(bands(frames), range(parts), mode_groups(n)))
-        values = [left[p, a:b, low:high].ravel() for (low, high), p, (a, b) in bins]
-        slopes = [jacobian[p, a:b, low:high].reshape(-1, count) for (low, high), p, (a, b) in bins]
-        return replace(
-            self if every else self.chosen(columns),
-            sum_of_squares=np.array([x @ x for x in values]),
-            gradient=np.array([x @ j for x, j in zip(values, slopes, strict=True)]),
-            jacobian=jacobian,
-        )
 
 
 def joined(spectra: Sequence[Spectrum]) -> Spectrum:
@@ -154,30 +140,101 @@ def spectrum(
     residual: FloatArray, jacobian: FloatArray, control_points: int,
     motion: FloatArray | None = None,
 ) -> Spectrum:  # fmt: skip
-    """Compress residuals and Jacobians of one recording.
+    """Compress residuals and Jacobians of one recording by itself; see `spectra`."""
+    return spectra([(residual, jacobian)], control_points, None if motion is None else [motion])[0]
+
+
+def spectra(
+    fields: Sequence[tuple[FloatArray, FloatArray]], control_points: int,
+    motions: Sequence[FloatArray] | None = None,
+) -> tuple[Spectrum, ...]:  # fmt: skip
+    """Compress residuals and Jacobians of R recordings of one set-up.
 
     Args:
-        residual: coefficients [m], shape (F, K), K = parts * n; see `Recording.across`.
-        jacobian: derivatives of the prediction, shape (F, P, K).
+        fields: of each recording: residual coefficients [m], shape (F, K), K = parts * n, see
+            `Recording.across`, and derivatives of the prediction, shape (F, P, K).
         control_points: n.
-        motion: power of the motion, see `motion_power`, shape (F or more,); None: it is not known.
+        motions: power of each motion, see `motion_power`, shape (F or more,); None: not known.
     """
-    frames, width = residual.shape
     n = control_points
+    both = [transformed(np.concatenate([r[:, None], j], axis=1), n) for r, j in fields]
+    frames = np.array([x.shape[2] for x in both], dtype=np.float64)
+    turn = _turn_means(both)
+    result = []
+    for k, x in enumerate(both):
+        power = np.zeros(x.shape[2]) if motions is None else motions[k]
+        alike = float(frames.sum()) if k == 0 else 0.0
+        result.append(_binned(x, power, float(turn[k] ** 2 @ frames), alike))
+    return tuple(result)
+
+
+def of_residuals(
+    known: Sequence[Spectrum], residuals: Sequence[FloatArray], columns: Sequence[int]
+) -> tuple[Spectrum, ...]:
+    """The spectra of other residuals with the same Jacobians, by some of the parameters.
+
+    Args:
+        known: spectra of all recordings, with Jacobians.
+        residuals: of each recording, coefficients [m], shape (F, K).
+        columns: numbers of the parameters.
+    """
+    jacobians = [s.jacobian for s in known if s.jacobian is not None]
+    assert len(jacobians) == len(known)  # they are those of recordings
+    left = [transformed(r[:, None], j.shape[1]) for r, j in zip(residuals, jacobians, strict=True)]
+    _turn_means(left)
+    every = list(columns) == list(range(known[0].gradient.shape[1]))
+    result = []
+    for s, x, j in zip(known, left, jacobians, strict=True):
+        jacobian = j if every else j[..., list(columns)]
+        parts, n, frames, count = jacobian.shape
+        bins = list(product(bands(frames), range(parts), mode_groups(n)))
+        values = [x[p, a:b, low:high].ravel() for (low, high), p, (a, b) in bins]
+        slopes = [jacobian[p, a:b, low:high].reshape(-1, count) for (low, high), p, (a, b) in bins]
+        result.append(replace(
+            s if every else s.chosen(columns),
+            sum_of_squares=np.array([y @ y for y in values]),
+            gradient=np.array([y @ z for y, z in zip(values, slopes, strict=True)]),
+            jacobian=jacobian,
+        ))  # fmt: skip
+    return tuple(result)
+
+
+def _turn_means(both: Sequence[FloatArray]) -> FloatArray:
+    """Turn means over time into one over all frames of all recordings, and contrasts, in place.
+
+    Args:
+        both: transformed fields of R recordings, shapes (parts, n, F, C).
+
+    Returns:
+        The orthogonal matrix (R, R); its first row is that of the mean.
+    """
+    root = np.sqrt([x.shape[2] for x in both])
+    first = root / np.linalg.norm(root)
+    mirror = first - np.eye(len(both))[0]
+    if len(both) == 1:
+        return np.ones((1, 1))
+    turn = np.eye(len(both)) - 2.0 * np.outer(mirror, mirror) / (mirror @ mirror)  # Householder
+    turned = np.tensordot(turn, np.array([x[:, :, 0] for x in both]), 1)
+    for x, mean in zip(both, turned, strict=True):
+        x[:, :, 0] = mean
+    return np.asarray(turn)
+
+
+def _binned(both: FloatArray, motion: FloatArray, still: float, alike: float) -> Spectrum:
+    """Normal equations of a transformed residual and its derivatives, (parts, n, F, 1 + P)."""
+    parts, n, frames, columns = both.shape
     shares, nodal = modes(n)[1], nodal_shares(n)
-    both = transformed(np.concatenate([residual[:, None], jacobian], axis=1), n)
     groups = mode_groups(n)
-    bins = list(product(bands(frames), range(width // n), groups))
+    bins = list(product(bands(frames), range(parts), groups))
     values = [
-        both[part, first:last, low:high].reshape(-1, both.shape[3])
+        both[part, first:last, low:high].reshape(-1, columns)
         for (low, high), part, (first, last) in bins
     ]
     products = np.array([x.T @ x for x in values])  # (B, 1 + P, 1 + P)
-    again, in_band = len(bins) // len(groups), len(groups) * (width // n)
+    again, in_band = len(bins) // len(groups), len(groups) * parts
     share, alone = (np.tile([x[a:b].mean() for a, b in groups], again) for x in (shares, nodal))
     frequency = np.array([np.pi * 0.5 * (low + high - 1) / frames for (low, high), _, _ in bins])
-    power = np.zeros(frames) if motion is None else motion
-    swing = np.repeat([power[low:high].mean() for low, high in bands(frames)], in_band)
+    swing = np.repeat([motion[low:high].mean() for low, high in bands(frames)], in_band)
     return Spectrum(
         frames,
         count=np.array([len(x) for x in values], dtype=np.float64),
@@ -190,6 +247,7 @@ def spectrum(
         nodal=alone,
         frequency=frequency,
         motion=swing * share,
-        still=np.where(frequency == 0.0, float(frames), 0.0),
+        still=np.where(frequency == 0.0, still, 0.0),
+        alike=np.where(frequency == 0.0, alike, 0.0),
         jacobian=both[..., 1:],
     )

@@ -1,16 +1,17 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Error variances by marginal likelihood, with the model's parameters integrated out.
 
-Each recording's error has six components in each direction: noise, white along the DLO; noise of
+Each recording's error has seven components in each direction: noise, white along the DLO; noise of
 single control points, which is smoother where these are what is measured; of both, neighbouring
 frames share a part where a tracker smooths them (AR(1)); what the model lacks, an error that dies
 out over time (AR(1) as well) and one at the frequencies of the motion, as wrong laws make it; and
-errors that stay, such as those of a calibration, and those of edges and shading where the DLO
-rests: frames of one pose are one measurement. What the model lacks and what a calibration does are
-smooth along the DLO. Their variances maximise the marginal likelihood (REML; Patterson and
-Thompson, Recovery of inter-block information, 1971); the model's discrepancy thus widens the
-posterior (Kennedy and O'Hagan, Bayesian calibration of computer models, 2001). Nothing is simulated
-for it.
+errors that stay in a recording, such as those of edges and shading where the DLO rests: frames of
+one pose are one measurement; and errors that stay in all of them, as those of a calibration or of
+markers beside the centreline: all recordings of one set-up measure them once. What the model lacks
+and what a calibration does are smooth along the DLO. Their variances maximise the marginal
+likelihood (REML; Patterson and Thompson, Recovery of inter-block information, 1971); the model's
+discrepancy thus widens the posterior (Kennedy and O'Hagan, Bayesian calibration of computer models,
+2001). Nothing is simulated for it.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
 
 from dlo_ros.inference.fisher_scoring import scored
-from dlo_ros.inference.spectrum import Spectrum, joined, mode_groups
+from dlo_ros.inference.spectrum import Spectrum, joined
 from dlo_ros.inference.thresholds import FEWEST_FRAMES, SMALL_SHARE
 from dlo_ros.spline import FloatArray
 
@@ -64,6 +65,7 @@ class Variances:
         fading: smooth along the DLO, shape (D,).
         lasting: the same in all frames, smooth along the DLO, shape (D,).
         rough: the same in all frames, white along the DLO, shape (D,).
+        shared: the same in all frames of all recordings, smooth along the DLO, shape (D,).
         swinging: at the frequencies of the motion, smooth along the DLO, over the mean square of
             the motion, shape (D,).
         memory: correlation of neighbouring frames of the fading error.
@@ -76,6 +78,7 @@ class Variances:
     fading: FloatArray
     lasting: FloatArray
     rough: FloatArray
+    shared: FloatArray
     swinging: FloatArray
     memory: float
     noise_memory: FloatArray
@@ -89,17 +92,17 @@ class Variances:
     @property
     def common(self) -> tuple[FloatArray, ...]:
         """Variances that all recordings have in common, shape (D,) each."""
-        return self.nodal, self.fading, self.lasting, self.rough, self.swinging
+        return self.nodal, self.fading, self.lasting, self.rough, self.shared, self.swinging
 
 
 def _components(bins: Spectrum, memory: float, noise_memory: FloatArray) -> FloatArray:
-    """Variance in each bin of each component with a variance of one, shape (6, B)."""
+    """Variance in each bin of each component with a variance of one, shape (7, B)."""
     noise = ar1_spectral_density(noise_memory[bins.part], bins.frequency)
     fading = ar1_spectral_density(memory, bins.frequency)
     return np.array(
         [
             noise * bins.white, noise * bins.nodal, fading * bins.share, bins.still * bins.share,
-            bins.still * bins.white, bins.motion,
+            bins.still * bins.white, bins.alike * bins.share, bins.motion,
         ]
     )  # fmt: skip
 
@@ -139,15 +142,12 @@ def widened_covariance(
     spectra: Sequence[Spectrum], variances: Sequence[Variances], offset: FloatArray,
     precision: FloatArray,
 ) -> FloatArray:  # fmt: skip
-    """Posterior covariance that also holds how much recordings disagree, and what they may have in
-    common, shape (P, P).
+    """Posterior covariance that also holds how much recordings disagree, shape (P, P).
 
     A model whose laws are not the true ones fits each recording with other numbers. The spread of
     the recordings' gradients tells of it, corrected for what each recording determines by itself
     (Bell and McCaffrey, Bias reduction in standard errors for linear regression with multi-stage
-    samples, 2002); each standard deviation is at least that. Errors that stay are those of one
-    camera or tracker: the posterior counts them anew in each recording, and what they do to a
-    number where they are the same in all, no disagreement tells. Nothing is simulated for it.
+    samples, 2002); each standard deviation is at least that. Nothing is simulated for it.
 
     Args:
         offset, precision: prior means minus the point of linearisation, and inverse prior
@@ -166,30 +166,8 @@ def widened_covariance(
         moved = root @ (axes @ ((axes.T @ pull) / np.sqrt(np.maximum(1.0 - share, LEAST_OTHERS))))
         between += np.outer(moved, moved)
     known = np.diag(found.covariance)
-    wider = np.maximum(np.diag(between), known) + _in_common(spectra, variances, found.covariance)
-    wider = np.sqrt(wider / known)
+    wider = np.sqrt(np.maximum(np.diag(between), known) / known)
     return np.asarray(found.covariance * np.outer(wider, wider))
-
-
-def _in_common(
-    spectra: Sequence[Spectrum], variances: Sequence[Variances], covariance: FloatArray
-) -> FloatArray:
-    """The variance of each number that errors which stay add where they are the same in all
-    recordings, over that where each recording has its own, shape (P,); 0 where it is less.
-    """
-    pulls = []
-    for s, v in zip(spectra, variances, strict=True):
-        assert s.jacobian is not None
-        parts, n, _, count = s.jacobian.shape
-        groups = [last - first for first, last in mode_groups(n)]
-        still = s.still > 0.0  # the first band, by parts and groups of modes
-        each = np.array([v.lasting, v.rough])[:, s.part[still]]
-        sizes = s.still[still] * np.sum(each * [s.share[still], s.white[still]], axis=0)
-        weight = np.repeat(np.sqrt(sizes) / v.of(s)[still], np.tile(groups, parts))
-        pulls.append(weight[:, None] * s.jacobian[:, :, 0].reshape(-1, count))
-    moved = np.array(pulls) @ covariance  # (R, modes, P)
-    extra = np.sum(moved.sum(axis=0) ** 2, axis=0) - np.sum(moved**2, axis=(0, 1))
-    return np.asarray(np.maximum(extra, 0.0))
 
 
 def _marginal_likelihood(
@@ -248,15 +226,14 @@ def fit_variances(
 
     def cost(x: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         value, slope, information = _cost(x, bins, rows, offset, precision, linear)
-        unlikely = _unlikely(x, rows, length)
-        return value + float(np.sum(unlikely)), slope + unlikely, information + np.diag(unlikely)
+        unlikely, rate, second = _unlikely(x, rows, length)
+        return value + unlikely, slope + rate, information + np.diag(second)
 
     x = scored(cost, x0, bounds, iterations)
     found = _unpacked(x, spectra)
     each = np.concatenate([v.of(s) for s, v in zip(spectra, found, strict=True)])
     best = _marginal_likelihood(bins, each, offset, precision, linear)[0]
-    unlikely = float(np.sum(_unlikely(x, rows, length)))
-    return found, replace(best, evidence=best.evidence - unlikely)
+    return found, replace(best, evidence=best.evidence - _unlikely(x, rows, length)[0])
 
 
 def guess(spectrum: Spectrum, length: float) -> Variances:
@@ -277,7 +254,7 @@ def guess(spectrum: Spectrum, length: float) -> Variances:
     noise, smooth = np.array(white), np.array(fading)
     motion = max(float(np.sum(spectrum.count * spectrum.motion)) / spectrum.frames, least)
     return Variances(
-        noise, noise, smooth, 0.1 * smooth, np.array(staying),
+        noise, noise, smooth, 0.1 * smooth, np.array(staying), 0.1 * smooth,
         0.1 * spectrum.parts * smooth / motion, 0.9, np.zeros(spectrum.parts),
     )  # fmt: skip
 
@@ -291,10 +268,10 @@ def _packed(found: Sequence[Variances]) -> FloatArray:
 
 
 def _rows(spectra: Sequence[Spectrum]) -> np.ndarray:
-    """Place of each component's variance in each bin among the packed numbers, shape (6, B)."""
+    """Place of each component's variance in each bin among the packed numbers, shape (7, B)."""
     parts = spectra[0].parts
     own = parts * np.repeat(np.arange(len(spectra)), [len(s.count) for s in spectra])
-    common = [np.full_like(own, parts * (len(spectra) + k)) for k in range(5)]
+    common = [np.full_like(own, parts * (len(spectra) + k)) for k in range(6)]
     return np.asarray(np.array([own, *common]) + np.concatenate([s.part for s in spectra]))
 
 
@@ -325,12 +302,16 @@ def _missed(
     gradients = [s.gradient.sum(axis=0) for s in spectra]
     lhs = np.diag(precision) + weight * np.sum(hessians, axis=0)
     step = np.linalg.solve(lhs, precision * offset + weight * np.sum(gradients, axis=0))
-    result = []
+    moving, staying = [], 0.0
     for s in spectra:
         left = s.sum_of_squares - 2.0 * s.gradient @ step
         left += np.einsum("p,bpq,q->b", step, s.hessian, step)
-        result.append(max(float(left[s.part != ALONG].sum()), 0.0) / s.frames)
-    return result
+        left = np.where(s.part == ALONG, 0.0, left)
+        moving.append(float(left[s.still == 0.0].sum()) / s.frames)
+        staying += float(left[s.still > 0.0].sum())
+    # Which recording missed how much of what stays is not told: see `Spectrum.alike`.
+    staying /= sum(s.frames for s in spectra)
+    return [max(each + staying, 0.0) for each in moving]
 
 
 def _bounds(spectra: Sequence[Spectrum], missed: Sequence[float], length: float) -> FloatArray:
@@ -346,11 +327,14 @@ def _bounds(spectra: Sequence[Spectrum], missed: Sequence[float], length: float)
     noise = [(each, high) for each in least for _ in range(parts)]
     noise += [(low - 5.0, high)] * parts
     staying = [(low - 5.0, high)] * (2 * parts)
+    # Of one recording nothing tells what stays in it from what would stay in others, too.
+    shared = (low - 5.0, high if len(spectra) > 1 else low - 5.0)
     moves = separable and any(s.motion.any() for s in spectra)
     swinging = (2.0 * np.log(LEAST_SWING), 0.0 if moves else 2.0 * np.log(LEAST_SWING))
-    return np.array(
-        [*noise, *[fading] * parts, *staying, *[swinging] * parts, memory, *[noise_memory] * parts]
-    )
+    return np.array([
+        *noise, *[fading] * parts, *staying, *[shared] * parts, *[swinging] * parts, memory,
+        *[noise_memory] * parts,
+    ])  # fmt: skip
 
 
 def _cost(
@@ -385,14 +369,24 @@ def ar1_rate(memory: float | FloatArray, frequency: FloatArray) -> FloatArray:
     )
 
 
-def _unlikely(x: FloatArray, rows: np.ndarray, length: float) -> FloatArray:
-    """Minus the log prior of each packed number: errors that are not new in every frame are small.
+def _unlikely(
+    x: FloatArray, rows: np.ndarray, length: float
+) -> tuple[float, FloatArray, FloatArray]:
+    """Minus the log prior of packed numbers: errors that are not new in every frame are small.
 
-    It is its own derivative.
+    The standard deviation of what all recordings share is half-normal: parameters take up most of
+    such an error, and where they leave none of it, that is no proof that there is none (Chung et
+    al., A nondegenerate penalized likelihood estimator for variance parameters, 2013).
+
+    Returns:
+        It, its derivatives, and its second derivatives, shapes () and (m,).
     """
     place = np.arange(len(x))
-    repeated = (place >= rows[2].min()) & (place <= rows[4].max())
-    return np.where(repeated, 0.5 * np.exp(x) / (REPEATED_STD * length) ** 2, 0.0)
+    repeated = (place >= rows[2].min()) & (place <= rows[5].max())
+    shared = np.where((place >= rows[5].min()) & (place <= rows[5].max()), 0.5, 0.0)
+    square = np.where(repeated, 0.5 * np.exp(x) / (REPEATED_STD * length) ** 2, 0.0)
+    log = x - 2.0 * np.log(REPEATED_STD * length)
+    return float(np.sum(square) - shared @ log), square - shared, square
 
 
 def ar1_spectral_density(memory: float | FloatArray, frequency: FloatArray) -> FloatArray:

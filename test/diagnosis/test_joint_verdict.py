@@ -27,7 +27,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.inference import joint_fit
 from dlo_ros.inference.smooth_modes import whitening
-from dlo_ros.inference.spectrum import modes, spectrum
+from dlo_ros.inference.spectrum import modes, spectra
 from dlo_ros.inference.variances import fit_variances
 from dlo_ros.spline import SplineBasis
 
@@ -71,18 +71,19 @@ def test_errors_that_stay_are_those_that_each_recording_shows():
     """One recording lies three times as far off as the other; their variance is common."""
     n, length, rng = 10, 0.5, np.random.default_rng(4)
     vectors, shares = modes(n)
-    spectra, true = [], []
+    residuals, true = [], []
     for size in (0.5e-3, 1.5e-3):
         lasting = size * np.sqrt(shares) * rng.choice([-1.0, 1.0], n) @ vectors.T
         residual = np.zeros((90, 2 * n))
         residual[:, n:] = lasting
         residual += 1e-4 / np.sqrt(n) * rng.normal(size=residual.shape)
-        spectra.append(spectrum(residual, np.zeros((90, 1, 2 * n)), n))
+        residuals.append(residual)
         true.append(np.sum(lasting**2))
-    variances, _ = fit_variances(spectra, np.zeros(1), np.ones(1), length)
+    bins = spectra([(r, np.zeros((90, 1, 2 * n))) for r in residuals], n)
+    variances, _ = fit_variances(bins, np.zeros(1), np.ones(1), length)
     assert np.allclose(variances[0].lasting, variances[1].lasting)
-    for v, s, own in zip(variances, spectra, true, strict=True):
-        across, along = _staying(v, s)
+    for v, residual, own in zip(variances, residuals, true, strict=True):
+        across, along = _staying(v, residual)
         assert along == pytest.approx(own, rel=0.1)
         assert across < 0.01 * own
 

@@ -13,7 +13,15 @@ from scipy.signal import lfilter
 from dlo_ros.inference import variances as core
 from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.inference.smooth_modes import modes
-from dlo_ros.inference.spectrum import bands, joined, motion_power, nodal_shares, spectrum
+from dlo_ros.inference.spectrum import (
+    bands,
+    joined,
+    motion_power,
+    nodal_shares,
+    of_residuals,
+    spectra,
+    spectrum,
+)
 from dlo_ros.inference.variances import Variances, fit_variances, guess, posterior
 from dlo_ros.parameters import RodParameters, Settings
 
@@ -68,18 +76,19 @@ def test_a_spectrum_keeps_power_and_normal_equations():
 @pytest.mark.parametrize("linear", [True, False])
 def test_derivatives_of_the_marginal_likelihood(linear):
     rng = np.random.default_rng(2)
-    spectra = [
-        spectrum(*made(rng, frames)[:2], N, rng.exponential(1e-6, frames)) for frames in (40, 60)
-    ]
+    lengths = (40, 60)
+    each = spectra(
+        [made(rng, f)[:2] for f in lengths], N, [rng.exponential(1e-6, f) for f in lengths]
+    )
     offset, precision = 0.1 * rng.normal(size=6), np.full(6, 10.0)
-    bins, rows = joined(spectra), core._rows(spectra)
+    bins, rows = joined(each), core._rows(each)
 
     def cost(x):
         value, slope, _ = core._cost(x, bins, rows, offset, precision, linear)
-        unlikely = core._unlikely(x, rows, LENGTH)
-        return value + unlikely.sum(), slope + unlikely
+        unlikely, rate, _ = core._unlikely(x, rows, LENGTH)
+        return value + unlikely, slope + rate
 
-    x = core._packed([guess(s, LENGTH) for s in spectra])
+    x = core._packed([guess(s, LENGTH) for s in each])
     x[-1] = np.log1p(-0.4)
     numbers = approx_fprime(x, lambda y: cost(y)[0], 1e-6)
     assert np.allclose(cost(x)[1], numbers, rtol=1e-4, atol=1e-3)
@@ -90,12 +99,33 @@ def test_a_spectrum_of_other_residuals_is_as_if_made_of_them(columns):
     rng = np.random.default_rng(3)
     residual, other = rng.normal(size=(2, 40, 3 * N))
     jacobian, motion = rng.normal(size=(40, 5, 3 * N)), rng.exponential(size=40)
-    found = spectrum(residual, jacobian, N, motion).of_residual(other, columns)
+    known = spectrum(residual, jacobian, N, motion)
+    (found,) = of_residuals([known], [other], columns)
     expected = spectrum(other, jacobian[:, columns], N, motion)
     for f in fields(expected):
         assert getattr(found, f.name) == pytest.approx(getattr(expected, f.name), rel=1e-9), f.name
-    assert np.allclose(found.of_residual(residual, range(len(columns))).gradient,
-                       spectrum(residual, jacobian[:, columns], N).gradient)  # fmt: skip
+    (back,) = of_residuals([found], [residual], range(len(columns)))
+    assert np.allclose(back.gradient, spectrum(residual, jacobian[:, columns], N).gradient)
+
+
+def test_what_all_recordings_share_stands_in_one_mean_of_them():
+    """An error that is the same everywhere is left in one mean; nothing of the data is lost."""
+    rng = np.random.default_rng(14)
+    shared, lengths = rng.normal(size=2 * N), (30, 50, 20)
+    recordings = [(np.tile(shared, (f, 1)), rng.normal(size=(f, 3, 2 * N))) for f in lengths]
+    found = spectra(recordings, N)
+    squares = [s.sum_of_squares.sum() for s in found]
+    assert squares == pytest.approx([100.0 * np.sum(shared**2), 0.0, 0.0], abs=1e-9)
+    assert [s.alike.max() for s in found] == [100.0, 0.0, 0.0]
+    alone = [spectrum(r, j, N) for r, j in recordings]
+    for name in ("sum_of_squares", "gradient", "hessian", "still"):
+        sums = [sum(getattr(s, name).sum(axis=0) for s in each) for each in (found, alone)]
+        assert sums[0] == pytest.approx(sums[1], rel=1e-9), name
+    others = [rng.normal(size=r.shape) for r, _ in recordings]
+    as_made = spectra([(o, j[:, [2, 0]]) for o, (_, j) in zip(others, recordings, strict=True)], N)
+    for a, b in zip(of_residuals(found, others, [2, 0]), as_made, strict=True):
+        assert a.gradient == pytest.approx(b.gradient, rel=1e-9)
+        assert a.sum_of_squares == pytest.approx(b.sum_of_squares, rel=1e-9)
 
 
 def test_what_the_errors_are_made_of_is_found():
@@ -180,15 +210,15 @@ def test_numbers_on_which_recordings_disagree_are_known_less_well(apart):
     rng = np.random.default_rng(9)
     off, alone = [], []
     for _ in range(60):
-        spectra = []
+        recordings = []
         for _ in range(4):
             jacobian = 1e-2 * rng.normal(size=(80, 2, 2 * N))
             noise = 3e-4 / np.sqrt(N) * rng.normal(size=(80, 2 * N))
             own = np.array([apart * rng.normal(), 0.0])
-            spectra.append(spectrum(noise + np.einsum("fpk,p->fk", jacobian, own), jacobian, N))
-        open_ = np.zeros(2), np.full(2, 1.0)
-        variances, found = fit_variances(spectra, *open_, LENGTH)
-        stds = np.sqrt(np.diag(core.widened_covariance(spectra, variances, *open_)))
+            recordings.append((noise + np.einsum("fpk,p->fk", jacobian, own), jacobian))
+        open_, bins = (np.zeros(2), np.full(2, 1.0)), spectra(recordings, N)
+        variances, found = fit_variances(bins, *open_, LENGTH)
+        stds = np.sqrt(np.diag(core.widened_covariance(bins, variances, *open_)))
         off.append(found.step[0] / stds[0])
         alone.append(found.step[0] / np.sqrt(found.covariance[0, 0]))
     held, before = (np.mean(np.abs(z) < 2.0) for z in (off, alone))
@@ -201,22 +231,24 @@ def test_errors_that_stay_may_be_the_same_in_all_recordings(common):
     """A camera that is wrong in the same way everywhere, and a number that shifts all shapes."""
     rng = np.random.default_rng(11)
     push = rng.normal(size=2 * N)
-    off, alone = [], []
+    off, sizes = [], []
     for _ in range(30):
         stays = fading(rng, 8, 1e-3, 0.0).reshape(4, 2 * N)
-        spectra = []
+        recordings = []
         for own in stays:
             jacobian = np.full((60, 1, 1), 1e-2) * push
             noise = 1e-4 / np.sqrt(N) * rng.normal(size=(60, 2 * N))
-            spectra.append(spectrum(noise + (stays[0] if common else own), jacobian, N))
-        open_ = np.zeros(1), np.full(1, 1.0)
-        variances, found = fit_variances(spectra, *open_, LENGTH)
-        wide = core.widened_covariance(spectra, variances, *open_)
-        off.append(found.step[0] / np.sqrt(wide[0, 0]))
-        alone.append(found.step[0] / np.sqrt(found.covariance[0, 0]))
-    held, before = (np.mean(np.abs(z) < 2.0) for z in (off, alone))
-    assert held > 0.9
-    assert before < 0.8 if common else before > 0.9
+            recordings.append((noise + (stays[0] if common else own), jacobian))
+        variances, found = fit_variances(spectra(recordings, N), np.zeros(1), np.ones(1), LENGTH)
+        off.append(found.step[0] / np.sqrt(found.covariance[0, 0]))
+        v = variances[0]
+        sizes.append(np.sqrt([np.mean(x) for x in (v.shared, v.lasting)]))
+    assert np.mean(np.abs(off) < 2.0) > 0.9
+    shared, own = np.median(sizes, axis=0)
+    if common:
+        assert shared == pytest.approx(1e-3, rel=0.2) and own < 1e-5
+    else:
+        assert own == pytest.approx(1e-3, rel=0.2)
 
 
 def test_details_do_not_judge_a_model_that_is_far_off():
@@ -316,7 +348,8 @@ def test_a_needless_parameter_costs_evidence():
     residual, jacobian, _ = made(rng)
     needless = np.concatenate([jacobian, rng.normal(size=(250, 1, 2 * N))], axis=1)
     tiny = np.full(2, 1e-12)
-    v = [Variances(np.full(2, 9e-8), tiny, np.full(2, 4e-6), tiny, tiny, tiny, 0.9, np.zeros(2))]
+    fades = np.full(2, 4e-6), *[tiny] * 4, 0.9, np.zeros(2)
+    v = [Variances(np.full(2, 9e-8), tiny, *fades)]
     spare = posterior([spectrum(residual, jacobian, N)], v, np.zeros(6), np.full(6, 100.0))
     more = posterior([spectrum(residual, needless, N)], v, np.zeros(7), np.full(7, 1e-2))
     assert more.evidence < spare.evidence - 1.0

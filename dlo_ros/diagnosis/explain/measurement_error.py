@@ -13,7 +13,7 @@ from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.scene import free_ends
 from dlo_ros.inference.slide import slid
 from dlo_ros.inference.smooth_modes import whitening
-from dlo_ros.inference.spectrum import Spectrum
+from dlo_ros.inference.spectrum import spectrum
 from dlo_ros.inference.thresholds import (
     APART,
     FEWEST,
@@ -53,13 +53,13 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
     found, slides, telling, kinds = [], [], [], []
     length = at.model.settings.rod.length
     most = (TRACKER_ERROR * length) ** 2
-    for (residual, _), variances, s, recording, predicted in zip(
-        at.fields, at.variances, at.spectra, recordings, at.predicted, strict=True
+    for (residual, _), variances, recording, predicted in zip(
+        at.fields, at.variances, recordings, at.predicted, strict=True
     ):
         ends = free_ends(recording.manipulation, predicted.shape[1])
         kinds.append(len(ends))
         stretched, share = _stretched(residual, ends, at.model.settings)
-        staying = _staying(variances, s)
+        staying = _staying(variances, residual)
         staying[ALONG] *= 1.0 - share
         staying = _credible(staying, (REPEATED_STD * length) ** 2)
         moved = recording.observed - recording.observed.mean(axis=0)
@@ -95,9 +95,16 @@ def _size(variance: FloatArray, slide: float) -> float:
     return mean_length(np.sqrt(variance))
 
 
-def _staying(variances: Variances, s: Spectrum) -> FloatArray:
-    """Mean square of the errors that stay, in each direction, as far as the data tell [m^2]."""
-    still = s.still * (variances.lasting[s.part] * s.share + variances.rough[s.part] * s.white)
+def _staying(variances: Variances, residual: FloatArray) -> FloatArray:
+    """Mean square of the errors that stay, in each direction, as far as the data tell [m^2].
+
+    Args:
+        residual: coefficients of a recording, shape (F, K).
+    """
+    frames, width = residual.shape
+    s = spectrum(residual, np.zeros((frames, 0, width)), width // len(variances.white))
+    smooth = variances.lasting + variances.shared
+    still = s.still * (smooth[s.part] * s.share + variances.rough[s.part] * s.white)
     weight = still / variances.of(s)
     squares = weight**2 * s.sum_of_squares + s.count * (1.0 - weight) * still
     return np.bincount(s.part, squares) / s.frames

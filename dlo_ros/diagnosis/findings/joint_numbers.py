@@ -276,7 +276,7 @@ def systematic_errors(at: Evaluation) -> dict[str, Number]:
     """Errors of the measurement and of the model, as root mean squares along the DLO [m]."""
     parts = ("across", "along", "out_of_plane")
     result = {}
-    for kind in ("white", "nodal", "lasting", "rough", "fading"):
+    for kind in ("white", "nodal", "lasting", "rough", "shared", "fading"):
         rows = np.array([getattr(v, kind) for v in at.variances])
         for part, value in zip(parts, np.sqrt(rows.mean(axis=0)), strict=False):
             name = "discrepancy" if kind == "fading" else f"{kind}_error"

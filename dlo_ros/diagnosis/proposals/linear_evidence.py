@@ -18,7 +18,7 @@ from dlo_ros.effects import Start, damping_effect
 from dlo_ros.inference import priors
 from dlo_ros.inference.joint import Evaluation, Field, Simulated, linear_posterior
 from dlo_ros.inference.parameter import SLAB, Parameter, ParametricModel
-from dlo_ros.inference.spectrum import Spectrum, spectrum
+from dlo_ros.inference.spectrum import Spectrum, spectra
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.compiled_rod import is_linear
 from dlo_ros.spline import FloatArray
@@ -210,15 +210,14 @@ def predicted_gains(
         extra: derivatives of all proposals but those that free a number of the set-up.
     """
     adding = [p for p in proposals if p.start is not None]
-    spectra = at.spectra
+    bins = at.spectra
     if adding:
         n = at.model.settings.rod.control_points
         wide = joined(
             at.fields,
             [np.concatenate(x, axis=1) for x in zip(*(extra[id(p)] for p in adding), strict=True)],
         )
-        pairs = zip(wide, at.motions, strict=True)
-        spectra = tuple(spectrum(r, j, n, motion) for (r, j), motion in pairs)
+        bins = spectra(wide, n, at.motions)
     own = len(at.model.parameters)
     first, result = own, []
     for p in proposals:
@@ -229,7 +228,7 @@ def predicted_gains(
         pick = [*range(own), *range(first, last)]
         first = last
         try:
-            found = _added(at, p, tuple(s.chosen(pick) for s in spectra))
+            found = _added(at, p, tuple(s.chosen(pick) for s in bins))
         except np.linalg.LinAlgError:  # derivatives so steep that priors vanish beside them
             continue
         result.append(replace(found, columns=extra[id(p)]))
@@ -244,12 +243,12 @@ def _freed(at: Evaluation, proposal: Proposal) -> PredictedGain:
     return PredictedGain(proposal, gain, model, model.at(model.theta() + found.step))
 
 
-def _added(at: Evaluation, proposal: Proposal, spectra: Sequence[Spectrum]) -> PredictedGain:
-    """The predicted gain of an effect, whose changes are the last columns of the spectra."""
+def _added(at: Evaluation, proposal: Proposal, bins: Sequence[Spectrum]) -> PredictedGain:
+    """The predicted gain of an effect, whose changes are the last columns of the bins."""
     assert proposal.start is not None
     offset, precision = linear_prior(at.model.settings, proposal)
     found = linear_posterior(
-        at, spectra, np.append(at.model.offset(), offset),
+        at, bins, np.append(at.model.offset(), offset),
         np.append(at.model.precision(), precision),
     )  # fmt: skip
     names, step = at.model.names, found.step

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,13 +18,13 @@ from dlo_ros.identification.estimate import (
 )
 from dlo_ros.identification.offline.set_up_estimate import MaterialFit
 from dlo_ros.identification.offline.wrench_identification import ForceInformation
-from dlo_ros.inference.joint import as_fine, evaluate, field
+from dlo_ros.inference.joint import Evaluation, as_fine, evaluate, field
 from dlo_ros.inference.joint_fit import WHITE_ITERATIONS, fit
 from dlo_ros.inference.losses import CORRELATED, WHITE
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.spectrum import spectrum
+from dlo_ros.inference.spectrum import of_residuals
 from dlo_ros.inference.weighted_quantiles import weighted_quantiles
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
@@ -97,14 +97,11 @@ def sample(
     tasks = []
     for chunk in chunks:
         sets = [with_logarithms(found.settings, row) for row in chunk]
-        for recording, (_, j), v, s in zip(
-            found.recordings, at.fields, at.variances, at.spectra, strict=True
-        ):
-            tasks.append((recording, sets, j[:, own], 1.0 / v.of(s)))
-    gradients = (pool or Threads()).map(_gradients, tasks, lambda k, _: done((k + 1) / len(tasks)))
+        tasks += [(recording, sets) for recording in found.recordings]
+    residuals = (pool or Threads()).map(_residuals, tasks, lambda k, _: done((k + 1) / len(tasks)))
     per = len(found.recordings)
     gradient = np.concatenate(
-        [np.sum(gradients[k * per : (k + 1) * per], axis=0) for k in range(len(chunks))]
+        [_gradients(at, residuals[k * per : (k + 1) * per], own) for k in range(len(chunks))]
     )
     hessian = CORRELATED.normal_equations(at)[0][np.ix_(own, own)]
     off_data = np.zeros((count, len(MATERIAL)))
@@ -129,19 +126,33 @@ def _squares(rows: FloatArray, information: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("kp,pq,kq->k", rows, information, rows))
 
 
-def _gradients(task: tuple[Recording, list[Settings], FloatArray, FloatArray]) -> FloatArray:
-    """Gradients with the derivatives (F, P, K) and weights (B,) of the optimum, shape (S, P).
-
-    They are NaN where the simulation fails.
-    """
-    recording, sets, derivative, weight = task
-    result = np.full((len(sets), derivative.shape[1]), np.nan)
+def _residuals(task: tuple[Recording, list[Settings]]) -> list[FloatArray | None]:
+    """Residuals of a recording with some settings, shape (F, K); None: it cannot be simulated."""
+    recording, sets = task
     fine = [as_fine(settings, recording) for settings in sets]
-    for k, f in enumerate(forecast_each(recording.manipulation, fine, spans=recording.spans)):
-        if f is not None:
-            residual, _ = field(recording, f.predicted, None, np.zeros(0))
-            n = recording.observed.shape[1]
-            result[k] = weight @ spectrum(residual, derivative, n).gradient
+    found = forecast_each(recording.manipulation, fine, spans=recording.spans)
+    none = np.zeros(0)
+    return [None if f is None else field(recording, f.predicted, None, none)[0] for f in found]
+
+
+def _gradients(
+    at: Evaluation, residuals: Sequence[Sequence[FloatArray | None]], own: Sequence[int]
+) -> FloatArray:
+    """Gradients with the derivatives and the variances of the optimum, shape (S, P).
+
+    They are NaN where a simulation fails.
+
+    Args:
+        residuals: of each recording, with each of S settings.
+        own: numbers of the P parameters.
+    """
+    weights = [1.0 / v.of(s) for s, v in zip(at.spectra, at.variances, strict=True)]
+    result = np.full((len(residuals[0]), len(own)), np.nan)
+    for k, each in enumerate(zip(*residuals, strict=True)):
+        left = [r for r in each if r is not None]
+        if len(left) == len(each):
+            bins = of_residuals(at.spectra, left, own)
+            result[k] = np.sum([w @ s.gradient for w, s in zip(weights, bins, strict=True)], axis=0)
     return result
 
 
