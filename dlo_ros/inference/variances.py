@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
 
+from dlo_ros.inference.autoregression import ar1_rate, ar1_spectral_density
 from dlo_ros.inference.fisher_scoring import scored
 from dlo_ros.inference.spectrum import Spectrum, joined
 from dlo_ros.inference.thresholds import FEWEST_FRAMES, SMALL_SHARE
@@ -268,18 +269,28 @@ def _packed(found: Sequence[Variances]) -> FloatArray:
 
 
 def _rows(spectra: Sequence[Spectrum]) -> np.ndarray:
-    """Place of each component's variance in each bin among the packed numbers, shape (7, B)."""
-    parts = spectra[0].parts
-    own = parts * np.repeat(np.arange(len(spectra)), [len(s.count) for s in spectra])
+    """Place of each component's variance in each bin among the packed numbers, shape (7, B).
+
+    Of a few frames little more than means over time is left, which recordings have together: their
+    noise is that of the first.
+    """
+    parts, several = spectra[0].parts, _separable(spectra)
+    own = parts * np.repeat(np.arange(len(spectra)) * several, [len(s.count) for s in spectra])
     common = [np.full_like(own, parts * (len(spectra) + k)) for k in range(6)]
     return np.asarray(np.array([own, *common]) + np.concatenate([s.part for s in spectra]))
+
+
+def _separable(spectra: Sequence[Spectrum]) -> bool:
+    """Whether recordings are long enough to tell what is new in each frame from what is not."""
+    return max(s.frames for s in spectra) >= FEWEST_FRAMES
 
 
 def _unpacked(x: FloatArray, spectra: Sequence[Spectrum]) -> tuple[Variances, ...]:
     parts = spectra[0].parts
     sizes, *memories = _parted(x, parts)
-    rows = sizes.reshape(-1, parts)
-    return tuple(Variances(own, *rows[len(spectra) :], *memories) for own in rows[: len(spectra)])
+    rows, count = sizes.reshape(-1, parts), len(spectra)
+    noises = rows[:count] if _separable(spectra) else [rows[0]] * count
+    return tuple(Variances(own, *rows[count:], *memories) for own in noises)
 
 
 def _parted(x: FloatArray, parts: int) -> tuple[FloatArray, float, FloatArray]:
@@ -318,7 +329,7 @@ def _bounds(spectra: Sequence[Spectrum], missed: Sequence[float], length: float)
     """Bounds of the packed numbers, shape (m, 2)."""
     low, high = 2.0 * np.log(LEAST_NOISE * length), 2.0 * np.log(LARGEST * length)
     parts = spectra[0].parts
-    separable = max(s.frames for s in spectra) >= FEWEST_FRAMES
+    separable = _separable(spectra)
     fading = (low, high) if separable else (low - 20.0, low - 20.0)
     memory = (np.log1p(-LONGEST_MEMORY), np.log(0.9))
     noise_memory = (np.log1p(-NOISE_MEMORY) if separable else 0.0, 0.0)
@@ -360,15 +371,6 @@ def _cost(
     return -found.evidence, changes @ slope, relative @ relative.T
 
 
-def ar1_rate(memory: float | FloatArray, frequency: FloatArray) -> FloatArray:
-    """Derivative of the log of `ar1_spectral_density` by minus ln (1 - memory)."""
-    cosine = np.cos(frequency)
-    below = 1.0 - 2.0 * memory * cosine + memory**2
-    return np.asarray(
-        -2.0 * memory / (1.0 + memory) - 2.0 * (1.0 - memory) * (memory - cosine) / below
-    )
-
-
 def _unlikely(
     x: FloatArray, rows: np.ndarray, length: float
 ) -> tuple[float, FloatArray, FloatArray]:
@@ -383,12 +385,7 @@ def _unlikely(
     """
     place = np.arange(len(x))
     repeated = (place >= rows[2].min()) & (place <= rows[5].max())
-    shared = np.where((place >= rows[5].min()) & (place <= rows[5].max()), 0.5, 0.0)
+    shared = (place >= rows[5].min()) & (place <= rows[5].max())
     square = np.where(repeated, 0.5 * np.exp(x) / (REPEATED_STD * length) ** 2, 0.0)
-    log = x - 2.0 * np.log(REPEATED_STD * length)
-    return float(np.sum(square) - shared @ log), square - shared, square
-
-
-def ar1_spectral_density(memory: float | FloatArray, frequency: FloatArray) -> FloatArray:
-    """Spectral density of an AR(1) process of unit variance."""
-    return np.asarray((1.0 - memory**2) / (1.0 - 2.0 * memory * np.cos(frequency) + memory**2))
+    log = np.where(shared, 0.5 * x - np.log(REPEATED_STD * length), 0.0)
+    return float(np.sum(square - log)), square - 0.5 * shared, square

@@ -20,8 +20,9 @@ from scipy.linalg import block_diag
 from scipy.optimize import minimize
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
+from dlo_ros.inference.autoregression import ar1_rate, ar1_spectral_density
 from dlo_ros.inference.thresholds import FEWEST_FRAMES
-from dlo_ros.inference.variances import LONGEST_MEMORY, ar1_rate, ar1_spectral_density
+from dlo_ros.inference.variances import LONGEST_MEMORY
 from dlo_ros.inference.wrench_messages import LACKING, near, scatter, shaken
 from dlo_ros.observation import Wrenches
 from dlo_ros.parameters import Settings
