@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from math import dist
 
 import numpy as np
 
@@ -25,7 +27,6 @@ from dlo_ros.rod.sensitivity import sensitive_equilibrium
 from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
 from dlo_ros.rod.solve.generalised_alpha import DONE, NO_DIRECTION
 from dlo_ros.rod.state import State, Strains
-from dlo_ros.spline import FloatArray
 
 TOLERANCE = 1e-9
 # A rod that is elastic and touches nothing.
@@ -133,9 +134,10 @@ def reachable(model: RodModel, held: Held, boundary: Boundary) -> None:
         SimulationError: with both distances.
     """
     points = boundary.held_points
-    if len(points) > 1:
-        places = [(held.pins if pinned else held.target)[k, :3] for _, pinned, k in points]
-        _within_reach(model, boundary, np.array(places)[None])
+    places = [(held.pins if pinned else held.target)[k, :3].tolist() for _, pinned, k in points]
+    # Without arrays: they would take longer than a fifth of an equilibrium.
+    for (a, b), length in zip(pairwise(places), _lengths_between(model, boundary), strict=True):
+        _refuse_beyond(dist(a, b), length)
 
 
 def reachable_through(
@@ -153,19 +155,26 @@ def reachable_through(
     places = [boundary.names.index(name) for name in boundary.holding]
     if len(places) > 1:
         times = (np.asarray(stamps, dtype=np.int64) - command.stamp) / NANOSECONDS
-        _within_reach(model, boundary, command.positions_at(times)[:, places])
+        steps = np.diff(command.positions_at(times)[:, places], axis=1)
+        lengths = _lengths_between(model, boundary)
+        for apart in np.linalg.norm(steps, axis=2).tolist():
+            for each, length in zip(apart, lengths, strict=True):
+                _refuse_beyond(each, length)
 
 
-def _within_reach(model: RodModel, boundary: Boundary, places: FloatArray) -> None:
-    """Refuse places [m] of the held points, in the order of the DLO, shape (T, k, 3)."""
-    # What may slip in through a grip meanwhile counts from the start.
+def _lengths_between(model: RodModel, boundary: Boundary) -> list[float]:
+    """Lengths of the DLO between neighbouring held points, in its order [m].
+
+    What may slip in through a grip meanwhile counts from the start.
+    """
     longer = model.body.lengthening + max(model.body.slip or 0.0, 0.0) / model.basis.length
-    lengths = longer * np.diff([u for u, _, _ in boundary.held_points])
-    apart = np.linalg.norm(np.diff(places, axis=1), axis=2)
-    too_far = np.argwhere(apart > 1.02 * lengths)
-    if len(too_far):
-        at, k = too_far[0]
+    return [longer * (b - a) for (a, *_), (b, *_) in pairwise(boundary.held_points)]
+
+
+def _refuse_beyond(apart: float, length: float) -> None:
+    """Refuse two held points that are further apart [m] than the DLO between them is long."""
+    if apart > 1.02 * length:
         raise SimulationError(
-            f"the command holds two points {apart[at, k]:.4g} m apart, but the DLO between them is "
-            f"only {lengths[k]:.4g} m long"
+            f"the command holds two points {apart:.4g} m apart, but the DLO between them is only "
+            f"{length:.4g} m long"
         )
