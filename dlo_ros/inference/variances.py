@@ -42,6 +42,9 @@ REPEATED_STD = 0.003
 """Prior standard deviation over L of the errors that stay or die out: careful calibrations err
 less, and what a model lacks is rather explained than put up with (Simpson et al., Penalising model
 component complexity, 2017)."""
+SHARED_STD = 0.001
+"""The same of errors that all recordings share: of a calibrated camera, or of points that were
+picked with care. Where parameters can take up such an error it is what the prior says."""
 LEAST_SWING = 1e-4
 """Smallest error at the frequencies of the motion, over the motion."""
 LONGEST_MEMORY = 0.998
@@ -386,6 +389,7 @@ def _unlikely(
     place = np.arange(len(x))
     repeated = (place >= rows[2].min()) & (place <= rows[5].max())
     shared = (place >= rows[5].min()) & (place <= rows[5].max())
-    square = np.where(repeated, 0.5 * np.exp(x) / (REPEATED_STD * length) ** 2, 0.0)
-    log = np.where(shared, 0.5 * x - np.log(REPEATED_STD * length), 0.0)
+    usual = np.where(shared, SHARED_STD, REPEATED_STD) * length
+    square = np.where(repeated, 0.5 * np.exp(x) / usual**2, 0.0)
+    log = np.where(shared, 0.5 * x - np.log(usual), 0.0)
     return float(np.sum(square - log)), square - 0.5 * shared, square
