@@ -233,7 +233,7 @@ def test_errors_that_stay_may_be_the_same_in_all_recordings(common):
     push = rng.normal(size=2 * N)
     off, sizes = [], []
     for _ in range(30):
-        stays = fading(rng, 8, 1e-3, 0.0).reshape(4, 2 * N)
+        stays = fading(rng, 8, 1e-3 * LENGTH, 0.0).reshape(4, 2 * N)
         recordings = []
         for own in stays:
             jacobian = np.full((60, 1, 1), 1e-2) * push
@@ -246,9 +246,9 @@ def test_errors_that_stay_may_be_the_same_in_all_recordings(common):
     assert np.mean(np.abs(off) < 2.0) > 0.9
     shared, own = np.median(sizes, axis=0)
     if common:
-        assert shared == pytest.approx(1e-3, rel=0.2) and own < 1e-5
+        assert shared == pytest.approx(1e-3 * LENGTH, rel=0.2) and own < 1e-5
     else:
-        assert own == pytest.approx(1e-3, rel=0.2)
+        assert own == pytest.approx(1e-3 * LENGTH, rel=0.2)
 
 
 def test_details_do_not_judge_a_model_that_is_far_off():
