@@ -208,11 +208,10 @@ def _turn_means(both: Sequence[FloatArray]) -> FloatArray:
     Returns:
         The orthogonal matrix (R, R); its first row is that of the mean.
     """
-    root = np.sqrt([x.shape[2] for x in both])
-    first = root / np.linalg.norm(root)
-    mirror = first - np.eye(len(both))[0]
     if len(both) == 1:
         return np.ones((1, 1))
+    root = np.sqrt([x.shape[2] for x in both])
+    mirror = root / np.linalg.norm(root) - np.eye(len(both))[0]
     turn = np.eye(len(both)) - 2.0 * np.outer(mirror, mirror) / (mirror @ mirror)  # Householder
     turned = np.tensordot(turn, np.array([x[:, :, 0] for x in both]), 1)
     for x, mean in zip(both, turned, strict=True):
