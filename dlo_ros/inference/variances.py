@@ -1,7 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Error variances by marginal likelihood, with the model's parameters integrated out.
 
-Each recording's error has seven components in each direction: noise, white along the DLO; noise of
+Each recording's error has eight components in each direction: noise, white along the DLO; noise of
 single control points, which is smoother where these are what is measured; of both, neighbouring
 frames share a part where a tracker smooths them (AR(1)); what the model lacks, an error that dies
 out over time (AR(1) as well) and one at the frequencies of the motion, as wrong laws make it; and
@@ -51,8 +51,6 @@ LONGEST_MEMORY = 0.998
 """Largest correlation of neighbouring frames in what the model lacks."""
 NOISE_MEMORY = 0.9
 """The same of the noise: trackers look back over a few frames, and no further."""
-LEAST_OTHERS = 0.02
-"""Smallest share of the information on a number by which other recordings than one count."""
 ITERATIONS = 40
 """Steps of a search for variances at most."""
 LEAST_START = 0.01
@@ -70,6 +68,7 @@ class Variances:
         lasting: the same in all frames, smooth along the DLO, shape (D,).
         rough: the same in all frames, white along the DLO, shape (D,).
         shared: the same in all frames of all recordings, smooth along the DLO, shape (D,).
+        shared_rough: the same, white along the DLO, shape (D,).
         swinging: at the frequencies of the motion, smooth along the DLO, over the mean square of
             the motion, shape (D,).
         memory: correlation of neighbouring frames of the fading error.
@@ -83,6 +82,7 @@ class Variances:
     lasting: FloatArray
     rough: FloatArray
     shared: FloatArray
+    shared_rough: FloatArray
     swinging: FloatArray
     memory: float
     noise_memory: FloatArray
@@ -96,17 +96,20 @@ class Variances:
     @property
     def common(self) -> tuple[FloatArray, ...]:
         """Variances that all recordings have in common, shape (D,) each."""
-        return self.nodal, self.fading, self.lasting, self.rough, self.shared, self.swinging
+        return (
+            self.nodal, self.fading, self.lasting, self.rough, self.shared, self.shared_rough,
+            self.swinging,
+        )  # fmt: skip
 
 
 def _components(bins: Spectrum, memory: float, noise_memory: FloatArray) -> FloatArray:
-    """Variance in each bin of each component with a variance of one, shape (7, B)."""
+    """Variance in each bin of each component with a variance of one, shape (8, B)."""
     noise = ar1_spectral_density(noise_memory[bins.part], bins.frequency)
     fading = ar1_spectral_density(memory, bins.frequency)
     return np.array(
         [
             noise * bins.white, noise * bins.nodal, fading * bins.share, bins.still * bins.share,
-            bins.still * bins.white, bins.alike * bins.share, bins.motion,
+            bins.still * bins.white, bins.alike * bins.share, bins.alike * bins.white, bins.motion,
         ]
     )  # fmt: skip
 
@@ -140,38 +143,6 @@ def posterior(
     """
     v = np.concatenate([v.of(s) for s, v in zip(spectra, variances, strict=True)])
     return _marginal_likelihood(joined(spectra), v, offset, precision, linear)[0]
-
-
-def widened_covariance(
-    spectra: Sequence[Spectrum], variances: Sequence[Variances], offset: FloatArray,
-    precision: FloatArray,
-) -> FloatArray:  # fmt: skip
-    """Posterior covariance that also holds how much recordings disagree, shape (P, P).
-
-    A model whose laws are not the true ones fits each recording with other numbers. The spread of
-    the recordings' gradients tells of it, corrected for what each recording determines by itself
-    (Bell and McCaffrey, Bias reduction in standard errors for linear regression with multi-stage
-    samples, 2002); each standard deviation is at least that. Nothing is simulated for it.
-
-    Args:
-        offset, precision: prior means minus the point of linearisation, and inverse prior
-            variances, see `posterior`.
-    """
-    found = posterior(spectra, variances, offset, precision)
-    if len(spectra) < 2:
-        return found.covariance
-    root = np.linalg.cholesky(found.covariance)
-    between = np.zeros_like(found.covariance)
-    for s, v in zip(spectra, variances, strict=True):
-        each = 1.0 / v.of(s)
-        hessian = np.einsum("b,bpq->pq", each, s.hessian)
-        pull = root.T @ (each @ s.gradient - hessian @ found.step)
-        share, axes = np.linalg.eigh(root.T @ hessian @ root)
-        moved = root @ (axes @ ((axes.T @ pull) / np.sqrt(np.maximum(1.0 - share, LEAST_OTHERS))))
-        between += np.outer(moved, moved)
-    known = np.diag(found.covariance)
-    wider = np.sqrt(np.maximum(np.diag(between), known) / known)
-    return np.asarray(found.covariance * np.outer(wider, wider))
 
 
 def _marginal_likelihood(
@@ -259,7 +230,7 @@ def guess(spectrum: Spectrum, length: float) -> Variances:
     motion = max(float(np.sum(spectrum.count * spectrum.motion)) / spectrum.frames, least)
     return Variances(
         noise, noise, smooth, 0.1 * smooth, np.array(staying), 0.1 * smooth,
-        0.1 * spectrum.parts * smooth / motion, 0.9, np.zeros(spectrum.parts),
+        np.array(staying), 0.1 * spectrum.parts * smooth / motion, 0.9, np.zeros(spectrum.parts),
     )  # fmt: skip
 
 
@@ -272,14 +243,14 @@ def _packed(found: Sequence[Variances]) -> FloatArray:
 
 
 def _rows(spectra: Sequence[Spectrum]) -> np.ndarray:
-    """Place of each component's variance in each bin among the packed numbers, shape (7, B).
+    """Place of each component's variance in each bin among the packed numbers, shape (8, B).
 
     Of a few frames little more than means over time is left, which recordings have together: their
     noise is that of the first.
     """
     parts, several = spectra[0].parts, _separable(spectra)
     own = parts * np.repeat(np.arange(len(spectra)) * several, [len(s.count) for s in spectra])
-    common = [np.full_like(own, parts * (len(spectra) + k)) for k in range(6)]
+    common = [np.full_like(own, parts * (len(spectra) + k)) for k in range(7)]
     return np.asarray(np.array([own, *common]) + np.concatenate([s.part for s in spectra]))
 
 
@@ -346,7 +317,7 @@ def _bounds(spectra: Sequence[Spectrum], missed: Sequence[float], length: float)
     moves = separable and any(s.motion.any() for s in spectra)
     swinging = (2.0 * np.log(LEAST_SWING), 0.0 if moves else 2.0 * np.log(LEAST_SWING))
     return np.array([
-        *noise, *[fading] * parts, *staying, *[shared] * parts, *[swinging] * parts, memory,
+        *noise, *[fading] * parts, *staying, *[shared] * (2 * parts), *[swinging] * parts, memory,
         *[noise_memory] * parts,
     ])  # fmt: skip
 
@@ -379,7 +350,7 @@ def _unlikely(
 ) -> tuple[float, FloatArray, FloatArray]:
     """Minus the log prior of packed numbers: errors that are not new in every frame are small.
 
-    The standard deviation of what all recordings share is half-normal: parameters take up most of
+    The standard deviation of what is smooth and shared is half-normal: parameters take up most of
     such an error, and where they leave none of it, that is no proof that there is none (Chung et
     al., A nondegenerate penalized likelihood estimator for variance parameters, 2013).
 
@@ -387,9 +358,10 @@ def _unlikely(
         It, its derivatives, and its second derivatives, shapes () and (m,).
     """
     place = np.arange(len(x))
-    repeated = (place >= rows[2].min()) & (place <= rows[5].max())
-    shared = (place >= rows[5].min()) & (place <= rows[5].max())
+    repeated = (place >= rows[2].min()) & (place <= rows[6].max())
+    shared = (place >= rows[5].min()) & (place <= rows[6].max())
+    smooth = shared & (place <= rows[5].max())
     usual = np.where(shared, SHARED_STD, REPEATED_STD) * length
     square = np.where(repeated, 0.5 * np.exp(x) / usual**2, 0.0)
-    log = np.where(shared, 0.5 * x - np.log(usual), 0.0)
-    return float(np.sum(square - log)), square - 0.5 * shared, square
+    log = np.where(smooth, 0.5 * x - np.log(usual), 0.0)
+    return float(np.sum(square - log)), square - 0.5 * smooth, square

@@ -137,7 +137,7 @@ def test_repeated_pictures_are_one_measurement_and_new_noise_is_new_each_time():
     moves = rng.normal(size=(frames, 2, 2 * n)) + 3.0
     bins = spectrum(1e-3 * rng.normal(size=(frames, 2 * n)), moves, n)
     none = np.full(2, 1e-30)
-    white = Variances(np.full(2, 1e-6), *[none] * 6, 0.5, np.zeros(2))
+    white = Variances(np.full(2, 1e-6), *[none] * 7, 0.5, np.zeros(2))
     found = NormalEquations.of(bins, white)
     np.testing.assert_allclose(found.information(), found.hessian / (1e-6 / n), rtol=1e-6)
     stays = NormalEquations.of(bins, replace(white, lasting=np.full(2, 1e-6)))

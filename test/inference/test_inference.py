@@ -23,6 +23,7 @@ from dlo_ros.inference.spectrum import (
     spectrum,
 )
 from dlo_ros.inference.variances import Variances, fit_variances, guess, posterior
+from dlo_ros.inference.widened_covariance import widened_covariance
 from dlo_ros.parameters import RodParameters, Settings
 
 N = 10
@@ -218,7 +219,7 @@ def test_numbers_on_which_recordings_disagree_are_known_less_well(apart):
             recordings.append((noise + np.einsum("fpk,p->fk", jacobian, own), jacobian))
         open_, bins = (np.zeros(2), np.full(2, 1.0)), spectra(recordings, N)
         variances, found = fit_variances(bins, *open_, LENGTH)
-        stds = np.sqrt(np.diag(core.widened_covariance(bins, variances, *open_)))
+        stds = np.sqrt(np.diag(widened_covariance(bins, variances, *open_)))
         off.append(found.step[0] / stds[0])
         alone.append(found.step[0] / np.sqrt(found.covariance[0, 0]))
     held, before = (np.mean(np.abs(z) < 2.0) for z in (off, alone))
@@ -249,6 +250,21 @@ def test_errors_that_stay_may_be_the_same_in_all_recordings(common):
         assert shared == pytest.approx(1e-3 * LENGTH, rel=0.2) and own < 1e-5
     else:
         assert own == pytest.approx(1e-3 * LENGTH, rel=0.2)
+
+
+def test_what_is_rough_and_the_same_in_all_recordings_does_not_average_out():
+    """What shading does at every control point is no smooth error, and may be the same in all."""
+    rng = np.random.default_rng(13)
+    push = rng.normal(size=2 * N)
+    off = []
+    for _ in range(60):
+        stays = 1e-3 / np.sqrt(N) * LENGTH * rng.normal(size=2 * N)
+        noise = 1e-4 / np.sqrt(N) * rng.normal(size=(6, 60, 2 * N))
+        bins = spectra([(stays + x, np.full((60, 1, 1), 1e-2) * push) for x in noise], N)
+        (v, *_), found = fit_variances(bins, np.zeros(1), np.ones(1), LENGTH)
+        off.append(found.step[0] / np.sqrt(found.covariance[0, 0]))
+        assert v.rough.max() < 0.01 * v.shared_rough.mean()
+    assert np.mean(np.abs(off) < 1.96) > 0.75  # twenty numbers, of which nothing is known before
 
 
 def test_details_do_not_judge_a_model_that_is_far_off():
@@ -348,7 +364,7 @@ def test_a_needless_parameter_costs_evidence():
     residual, jacobian, _ = made(rng)
     needless = np.concatenate([jacobian, rng.normal(size=(250, 1, 2 * N))], axis=1)
     tiny = np.full(2, 1e-12)
-    fades = np.full(2, 4e-6), *[tiny] * 4, 0.9, np.zeros(2)
+    fades = np.full(2, 4e-6), *[tiny] * 5, 0.9, np.zeros(2)
     v = [Variances(np.full(2, 9e-8), tiny, *fades)]
     spare = posterior([spectrum(residual, jacobian, N)], v, np.zeros(6), np.full(6, 100.0))
     more = posterior([spectrum(residual, needless, N)], v, np.zeros(7), np.full(7, 1e-2))

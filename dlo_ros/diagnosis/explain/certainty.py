@@ -13,7 +13,7 @@ from dlo_ros.effects import effects, quantities
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.parameter import SLAB, Parameter, ParametricModel, split_name
 from dlo_ros.inference.thresholds import BEYOND, CERTAIN, NOTABLE
-from dlo_ros.inference.variances import widened_covariance
+from dlo_ros.inference.widened_covariance import widened_covariance
 from dlo_ros.spline import FloatArray
 
 SCALES = ("young_modulus", "density")

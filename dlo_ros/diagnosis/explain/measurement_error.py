@@ -103,8 +103,10 @@ def _staying(variances: Variances, residual: FloatArray) -> FloatArray:
     """
     frames, width = residual.shape
     s = spectrum(residual, np.zeros((frames, 0, width)), width // len(variances.white))
-    smooth = variances.lasting + variances.shared
-    still = s.still * (smooth[s.part] * s.share + variances.rough[s.part] * s.white)
+    smooth, rough = (
+        variances.lasting + variances.shared, variances.rough + variances.shared_rough
+    )  # fmt: skip
+    still = s.still * (smooth[s.part] * s.share + rough[s.part] * s.white)
     weight = still / variances.of(s)
     squares = weight**2 * s.sum_of_squares + s.count * (1.0 - weight) * still
     return np.bincount(s.part, squares) / s.frames

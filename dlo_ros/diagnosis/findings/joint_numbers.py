@@ -30,7 +30,7 @@ from dlo_ros.inference.parameter import (
     value_of,
 )
 from dlo_ros.inference.thresholds import UNBOUNDED
-from dlo_ros.inference.variances import widened_covariance
+from dlo_ros.inference.widened_covariance import widened_covariance
 from dlo_ros.parameters import Settings, tolerance
 from dlo_ros.rod.sensitivity_parameters import effect_names
 from dlo_ros.spline import FloatArray
@@ -276,7 +276,7 @@ def systematic_errors(at: Evaluation) -> dict[str, Number]:
     """Errors of the measurement and of the model, as root mean squares along the DLO [m]."""
     parts = ("across", "along", "out_of_plane")
     result = {}
-    for kind in ("white", "nodal", "lasting", "rough", "shared", "fading"):
+    for kind in ("white", "nodal", "lasting", "rough", "shared", "shared_rough", "fading"):
         rows = np.array([getattr(v, kind) for v in at.variances])
         for part, value in zip(parts, np.sqrt(rows.mean(axis=0)), strict=False):
             name = "discrepancy" if kind == "fading" else f"{kind}_error"

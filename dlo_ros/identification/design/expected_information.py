@@ -165,7 +165,7 @@ def observer_variances(settings: Settings, noise: Noise, parts: int) -> Variance
     common = np.full(parts, noise.common**2 + NOTHING)
     sliding = none.copy()
     sliding[1] += (noise.along * rod.length) ** 2
-    return Variances(white, none, sliding, common, none, none, none, 0.0, none)
+    return Variances(white, none, sliding, common, none, none, none, none, 0.0, none)
 
 
 def outlook(

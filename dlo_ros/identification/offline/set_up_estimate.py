@@ -33,7 +33,8 @@ from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.priors import joint_model, uncertain, with_tails
 from dlo_ros.inference.scene import scene_of
 from dlo_ros.inference.thresholds import NAMED, TRACKER_ERROR
-from dlo_ros.inference.variances import posterior, widened_covariance
+from dlo_ros.inference.variances import posterior
+from dlo_ros.inference.widened_covariance import widened_covariance
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
