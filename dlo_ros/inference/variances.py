@@ -312,13 +312,15 @@ def _bounds(spectra: Sequence[Spectrum], missed: Sequence[float], length: float)
     noise = [(each, high) for each in least for _ in range(parts)]
     noise += [(low - 5.0, high)] * parts
     staying = [(low - 5.0, high)] * (2 * parts)
-    # Of one recording nothing tells what stays in it from what would stay in others, too.
+    # Of one recording nothing tells what stays in it from what would stay in others, too; of a few
+    # frames nothing tells what is rough from noise.
     shared = (low - 5.0, high if len(spectra) > 1 else low - 5.0)
+    shared_rough = shared if separable else (low - 5.0, low - 5.0)
     moves = separable and any(s.motion.any() for s in spectra)
     swinging = (2.0 * np.log(LEAST_SWING), 0.0 if moves else 2.0 * np.log(LEAST_SWING))
     return np.array([
-        *noise, *[fading] * parts, *staying, *[shared] * (2 * parts), *[swinging] * parts, memory,
-        *[noise_memory] * parts,
+        *noise, *[fading] * parts, *staying, *[shared] * parts, *[shared_rough] * parts,
+        *[swinging] * parts, memory, *[noise_memory] * parts,
     ])  # fmt: skip
 
 
