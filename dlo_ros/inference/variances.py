@@ -43,8 +43,9 @@ REPEATED_STD = 0.003
 less, and what a model lacks is rather explained than put up with (Simpson et al., Penalising model
 component complexity, 2017)."""
 SHARED_STD = 0.001
-"""The same of errors that all recordings share: of a calibrated camera, or of points that were
-picked with care. Where parameters can take up such an error it is what the prior says."""
+"""Prior standard deviation over L of errors that all recordings share: a calibrated camera errs by so
+much, and a person who picks points with care. Parameters may take such an error up, and then the
+prior alone tells its size."""
 LEAST_SWING = 1e-4
 """Smallest error at the frequencies of the motion, over the motion."""
 LONGEST_MEMORY = 0.998
@@ -312,8 +313,8 @@ def _bounds(spectra: Sequence[Spectrum], missed: Sequence[float], length: float)
     noise = [(each, high) for each in least for _ in range(parts)]
     noise += [(low - 5.0, high)] * parts
     staying = [(low - 5.0, high)] * (2 * parts)
-    # Of one recording nothing tells what stays in it from what would stay in others, too; of a few
-    # frames nothing tells what is rough from noise.
+    # One recording does not show what would stay in others, too. A few frames do not show rough
+    # errors beside noise.
     shared = (low - 5.0, high if len(spectra) > 1 else low - 5.0)
     shared_rough = shared if separable else (low - 5.0, low - 5.0)
     moves = separable and any(s.motion.any() for s in spectra)

@@ -253,7 +253,7 @@ def test_errors_that_stay_may_be_the_same_in_all_recordings(common):
 
 
 def test_what_is_rough_and_the_same_in_all_recordings_does_not_average_out():
-    """What shading does at every control point is no smooth error, and may be the same in all."""
+    """Shading moves every control point by itself, and may do so in all recordings alike."""
     rng = np.random.default_rng(13)
     push = rng.normal(size=2 * N)
     off = []
