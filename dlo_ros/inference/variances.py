@@ -43,9 +43,9 @@ REPEATED_STD = 0.003
 less, and what a model lacks is rather explained than put up with (Simpson et al., Penalising model
 component complexity, 2017)."""
 SHARED_STD = 0.001
-"""Prior standard deviation over L of errors that all recordings share: a calibrated camera errs by so
-much, and a person who picks points with care. Parameters may take such an error up, and then the
-prior alone tells its size."""
+"""Prior standard deviation over L of errors that all recordings share: a calibrated camera errs by
+so much, and a person who picks points with care. Parameters may take such an error up, and then
+the prior alone tells its size."""
 LEAST_SWING = 1e-4
 """Smallest error at the frequencies of the motion, over the motion."""
 LONGEST_MEMORY = 0.998
