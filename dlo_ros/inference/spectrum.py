@@ -186,14 +186,11 @@ def of_residuals(
     result = []
     for s, x, j in zip(known, left, jacobians, strict=True):
         jacobian = j if every else j[..., list(columns)]
-        parts, n, frames, count = jacobian.shape
-        bins = list(product(bands(frames), range(parts), mode_groups(n)))
-        values = [x[p, a:b, low:high].ravel() for (low, high), p, (a, b) in bins]
-        slopes = [jacobian[p, a:b, low:high].reshape(-1, count) for (low, high), p, (a, b) in bins]
+        values = [y[:, 0] for y in _by_bin(x)]
         result.append(replace(
             s if every else s.chosen(columns),
             sum_of_squares=np.array([y @ y for y in values]),
-            gradient=np.array([y @ z for y, z in zip(values, slopes, strict=True)]),
+            gradient=np.array([y @ z for y, z in zip(values, _by_bin(jacobian), strict=True)]),
             jacobian=jacobian,
         ))  # fmt: skip
     return tuple(result)
@@ -219,16 +216,21 @@ def _turn_means(both: Sequence[FloatArray]) -> FloatArray:
     return np.asarray(turn)
 
 
+def _by_bin(both: FloatArray) -> list[FloatArray]:
+    """The numbers of transformed fields (parts, n, F, C) in each bin, B arrays (m, C)."""
+    parts, n, frames, columns = both.shape
+    return [
+        both[part, first:last, low:high].reshape(-1, columns)
+        for (low, high), part, (first, last) in product(bands(frames), range(parts), mode_groups(n))
+    ]
+
+
 def _binned(both: FloatArray, motion: FloatArray, still: float, alike: float) -> Spectrum:
     """Normal equations of a transformed residual and its derivatives, (parts, n, F, 1 + P)."""
-    parts, n, frames, columns = both.shape
+    parts, n, frames, _ = both.shape
     shares, nodal = modes(n)[1], nodal_shares(n)
     groups = mode_groups(n)
-    bins = list(product(bands(frames), range(parts), groups))
-    values = [
-        both[part, first:last, low:high].reshape(-1, columns)
-        for (low, high), part, (first, last) in bins
-    ]
+    bins, values = list(product(bands(frames), range(parts), groups)), _by_bin(both)
     products = np.array([x.T @ x for x in values])  # (B, 1 + P, 1 + P)
     again, in_band = len(bins) // len(groups), len(groups) * parts
     share, alone = (np.tile([x[a:b].mean() for a, b in groups], again) for x in (shares, nodal))
