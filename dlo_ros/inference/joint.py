@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.forecast import Forecast, forecast
@@ -124,10 +125,11 @@ def simulate(
         residual, slopes = field(recording, found.predicted, found.sensitivity, scale[acting])
         jacobian = np.zeros((len(residual), len(wanted), residual.shape[1]))
         jacobian[:, acting] = slopes
-        here = residual, jacobian
-        if _boundless(here[1], model, wanted):
-            here = here[0], differences(model, recording, wanted, here[0])
-        fields.append(here)
+        steep = _boundless(jacobian, model, wanted)
+        if steep.any():
+            names = [name for name, there in zip(wanted, steep, strict=True) if there]
+            jacobian[:, steep] = differences(model, recording, names, residual)
+        fields.append((residual, jacobian))
     predicted = tuple(f.predicted for f in forecasts)
     err = tuple(
         f.err if r.beyond is None else slid(r, f.predicted, model.settings.rod.length).err
@@ -137,15 +139,20 @@ def simulate(
     return Simulated(model, tuple(fields), err, predicted, motions)
 
 
-def _boundless(jacobian: FloatArray, model: ParametricModel, names: Sequence[str]) -> bool:
-    """Whether a step of one tolerance would move the DLO by more than its length.
+def _boundless(
+    jacobian: FloatArray, model: ParametricModel, names: Sequence[str]
+) -> NDArray[np.bool_]:
+    """Which derivatives say nothing of a step of one tolerance, shape (P,).
 
-    Through impacts, the derivatives of a motion grow beyond what any step could do.
+    It would move the DLO by more than its length. Through impacts the derivatives of a motion grow
+    beyond what any step could do, and where several of them have, the others have grown as well.
+    That by the moment of a sudden slip is as large by itself.
     """
     steps = np.array([model.parameters[model.index(name)].step for name in names])
     with np.errstate(over="ignore"):  # they may grow beyond all numbers, too
         moves = np.linalg.norm(jacobian, axis=2) * steps
-    return bool(moves.size) and not float(moves.max()) <= model.settings.rod.length
+    beyond = ~np.all(moves <= model.settings.rod.length, axis=0)  # or no number
+    return np.asarray(beyond if np.sum(beyond) < 2 else np.full_like(beyond, True))
 
 
 def differences(
