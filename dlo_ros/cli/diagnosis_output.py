@@ -13,7 +13,7 @@ from typing import Any
 
 from dlo_ros.cli.diagnosis_story import by_share, extends, story
 from dlo_ros.cli.diagnosis_words import mm, rows, title
-from dlo_ros.cli.results import QUANTITIES
+from dlo_ros.cli.results import QUANTITIES, with_std
 from dlo_ros.diagnosis import Diagnosis, Fitted
 from dlo_ros.diagnosis.residuals.relations import sentences
 from dlo_ros.effects import effects
@@ -54,8 +54,10 @@ def write_results(
     """
     output.mkdir(parents=True, exist_ok=True)
     write_text(output / REPORT, json.dumps(tree(found), indent=2, allow_nan=False) + "\n")
+    extended = found.extended
     comment = "Extended by dlo_ros diagnose; nodes and tools load this file as it is."
-    write_text(output / EXTENDED, found.extended.settings.text(comment))
+    model = with_std(extended.settings, extended.specific_modulus[1])
+    write_text(output / EXTENDED, model.text(comment))
     write_diagnosis_report(output / "report.html", report(found, settings, loads))
 
 
@@ -257,7 +259,7 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
 
 
 def _meaning(name: str) -> str:
-    """The first two paragraphs of the effect's own description; what follows is for programmers."""
+    """The first sentence of the effect's own description; its law stands in the documentation."""
     known = effects().get(name)
-    paragraphs = (inspect.getdoc(known) or "").split("\n\n") if known else []
-    return " ".join(" ".join(paragraphs[:2]).replace("`", "").split())
+    paragraphs = (inspect.getdoc(known) or "").split("\n\n") if known else [""]
+    return " ".join(paragraphs[0].replace("`", "").split())

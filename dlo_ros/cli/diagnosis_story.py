@@ -44,7 +44,15 @@ NEAR_END, NEAR_MIDDLE = 0.15, 0.1
 """Shares of the length within which a place is near an end, or near the middle."""
 
 
-OVERLAP = "Shares overlap: each is the error that comes back where that cause alone is left out."
+OVERLAP = (
+    "A share is how much of the error comes back where that cause alone is left out and the rest "
+    "is fitted again. Causes can stand in for one another, so shares need not add up to 100 %."
+)
+UNSIZED = (
+    "That it acts is certain; how strongly, these data do not determine: the numbers are those of "
+    "the best fit."
+)
+LOAD = "Load {} in place of your parameter file (--params of the tools, --params-file of the nodes)"
 
 
 @dataclass(frozen=True)
@@ -166,8 +174,8 @@ def _spread(found: Diagnosis) -> list[str]:
         return []
     where = "all recordings" if len(errors) > 1 else "the whole recording"
     return [
-        f"In nine of ten pictures of {where} it is between {mm(float(low))} and {mm(float(high))} "
-        "off."
+        f"In nine of ten pictures of {where}, those that it was fitted to included, it is between "
+        f"{mm(float(low))} and {mm(float(high))} off."
     ]
 
 
@@ -299,7 +307,7 @@ def _cause(effect: NamedEffect, length: float) -> str:
     else:
         text = f"Certain{share}: {own}{numbers}."
     if not is_sized(effect, length):
-        text += " That it acts is certain; how strongly, these data do not determine."
+        text += f" {UNSIZED}"
     if effect.share == 0.0:
         text += " The simulation comes as near without it."
     return text
@@ -316,7 +324,7 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
     before, after = found.baseline.err_holdout, found.extended.err_holdout
     value, std = found.extended.specific_modulus
     known = measured(value, std, "m^2/s^2") if std else f"{number(value)} m^2/s^2, how well unknown"
-    load = f"Load {file}, with the nodes or any tool"
+    load = LOAD.format(file)
     if not extends(found):
         return (f"{load}: it holds what was fitted, E/mu = {known}. Nothing is added to it.",)
     sentences = []
@@ -336,13 +344,12 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
             change += ", so nothing is gained there"
         sentences.append(f"On data that were not used: {change}.")
         if found.material_err is not None and after > found.material_err:
-            matters = f"the {mm(found.material_err)} that do not matter"
-            fits = (
-                ""
-                if found.verdict == "unexplained"
-                else ", but once it is fitted to these data too the model comes within them"
-            )
-            sentences.append(f"That is still more than {matters}{fits}.")
+            digits = 2 if mm(after) != mm(found.material_err) else 4
+            matters = f"the {mm(found.material_err, digits)} that do not matter"
+            what = "That" if digits == 2 else f"That is {mm(after, digits)}, which"
+            sentences.append(f"{what} is still more than {matters}.")
+            if found.verdict != "unexplained":
+                sentences.append("Fitted to these data as well, the model leaves less than that.")
     what = "all of that" if found.effects else "the set-up as fitted"
     if _worse(found):
         plain = number(found.baseline.specific_modulus[0])
@@ -353,6 +360,13 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
         )
         return tuple(sentences)
     sentences.append(f"{load}: it holds {what}, and E/mu = {known}.")
-    if any(n.own for e in found.effects for n in e.parameters.values()):
-        sentences.append("Of what is another in each recording, it holds the mean.")
+    own = [e.name for e in found.effects if any(n.own for n in e.parameters.values())]
+    if own:
+        what = enumerated([title(name) for name in own])
+        keys = enumerated([f"effects.{name}" for name in own])
+        sentences.append(
+            f"What differs between recordings ({what}) happened once in each of them, and the file "
+            f"holds the mean. Take {keys} out of it for motions in which nothing of the kind "
+            "happens."
+        )
     return tuple(sentences)

@@ -15,6 +15,8 @@ from dlo_ros.report.elements import measured, millimetres, number
 
 AXES = {2: "xz", 3: "xyz"}
 """Names of the components of a vector, by their number, where its parameter has none."""
+SPATIAL = 3
+"""Components of a vector in space, each of which is named by its axis."""
 ENDS = ("start", "end")
 SIZES = ("size", "angle", "ratio")
 """Roles of the numbers that say how much there is of an effect."""
@@ -66,6 +68,12 @@ def bare(value: float, unit: str) -> str:
     """A number in readable units, such as a tolerance; without a unit in per cent."""
     factor, shown = _units(value, unit) if unit else (100.0, "%")
     return number(factor * value, shown, 2)
+
+
+def _range(first: float, last: float, unit: str) -> str:
+    """Two numbers in the readable unit of the larger one."""
+    factor, shown = _units(max(abs(first), abs(last)), unit) if unit else (100.0, "%")
+    return f"{number(factor * first, digits=2)} to {number(factor * last, shown, 2)}"
 
 
 def _units(value: float, unit: str) -> tuple[float, str]:
@@ -150,7 +158,7 @@ def values(effect: NamedEffect, length: float) -> str:
     numbers = effect.parameters.items()
     texts = [_value(effect.name, key, n, length, said) for key, n in numbers]
     differing = any(n.own for _, n in numbers)
-    return ", ".join([*texts, *(["in each recording another"] if differing else [])])
+    return ", ".join([*texts, *(["depending on the recording"] if differing else [])])
 
 
 def rows(effect: NamedEffect, length: float) -> list[tuple[str, str, str]]:
@@ -255,8 +263,7 @@ def _value(effect: str, key: str, n: Number, length: float, said: str) -> str:
     elif key in ENDS:
         words = f"at the {key}"
     if n.own:
-        first, last = (bare(x, n.unit) for x in (min(n.own.values()), max(n.own.values())))
-        return f"{words} {first} to {last}"
+        return f"{words} {_range(min(n.own.values()), max(n.own.values()), n.unit)}"
     if not isinstance(n.value, tuple):
         assert n.std is None or isinstance(n.std, float)
         side = q.side(n.value) if q is not None and not q.neutral else ""
@@ -272,7 +279,8 @@ def _value(effect: str, key: str, n: Number, length: float, said: str) -> str:
         parts = []
         for k, (v, s) in enumerate(zip(n.value, stds, strict=True)):
             side = q.side(v, k, len(n.value))
-            axis = "" if side else f"{_component(q, k, len(n.value))} "
+            plain = side and len(n.value) < SPATIAL  # the side tells the axis of the plane
+            axis = "" if plain else f"{_component(q, k, len(n.value))} "
             parts.append(f"{axis}{_sided(v, s, n.unit, side)}")
         return f"{words} {', '.join(parts)}"
     low, high = min(n.value), max(n.value)
@@ -286,9 +294,9 @@ def either(phrases: Sequence[str]) -> str:
     return "; or ".join(phrases)
 
 
-def mm(metres: float | None) -> str:
-    """A length in millimetres to two digits."""
-    return "unknown" if metres is None else millimetres(metres, digits=2)
+def mm(metres: float | None, digits: int = 2) -> str:
+    """A length in millimetres, to two digits unless more are wanted."""
+    return "unknown" if metres is None else millimetres(metres, digits=digits)
 
 
 def percent(share: float) -> str:

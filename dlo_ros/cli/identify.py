@@ -8,7 +8,6 @@ import hashlib
 import json
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ import numpy as np
 from dlo_ros.cli.identify_results import report, summary, tree
 from dlo_ros.cli.loading import add_model_arguments, load_recordings, load_settings, prepare
 from dlo_ros.cli.progress import progress_bar, steps
-from dlo_ros.cli.results import add_results_folder, check_results_folder, written
+from dlo_ros.cli.results import add_results_folder, check_results_folder, with_std, written
 from dlo_ros.effects import quantities
 from dlo_ros.effects.measurement.length_error import LengthError
 from dlo_ros.effects.physics.clamp_angle import ClampAngle
@@ -25,7 +24,7 @@ from dlo_ros.effects.physics.gravity_tilt import GravityTilt
 from dlo_ros.effects.registry import STD
 from dlo_ros.errors import InputError
 from dlo_ros.files import write_text
-from dlo_ros.identification.estimate import Estimate, searchable
+from dlo_ros.identification.estimate import searchable
 from dlo_ros.identification.offline.posterior_sampling import Sample, bootstrap, sample
 from dlo_ros.identification.offline.recording_identification import Identification, identify
 from dlo_ros.inference.forecast import Manipulation
@@ -231,13 +230,7 @@ def write_results(
     text = json.dumps(tree(found, sampled, redrawn), indent=2, allow_nan=False)
     write_text(output / "estimate.json", text + "\n")
     comment = "Estimated by dlo_ros identify; nodes and tools load this file as it is."
-    write_text(output / "estimate.yaml", _estimated(found.estimate).text(comment))
+    made = with_std(found.estimate.settings, found.estimate.specific_modulus_std)
+    write_text(output / "estimate.yaml", made.text(comment))
     shown = report(settings, found, recordings)
     write_identification_report(output / "report.html", shown)
-
-
-def _estimated(estimate: Estimate) -> Settings:
-    """The estimate as a parameter file, with the standard deviation of E/mu."""
-    std = estimate.specific_modulus_std or 0.0
-    rod = replace(estimate.settings.rod, specific_modulus_std=std)
-    return replace(estimate.settings, rod=rod)

@@ -6,9 +6,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from dlo_ros.errors import InputError
+from dlo_ros.parameters import Settings
 
 QUANTITIES = (
     ("young_modulus", "Young's modulus E", "Pa"),
@@ -33,6 +35,15 @@ def check_results_folder(output: Path) -> None:
     """
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: is a file; give a folder for the results")
+
+
+def with_std(settings: Settings, std: float | None) -> Settings:
+    """Settings as a parameter file states them, with the standard deviation of E/mu [m^2/s^2].
+
+    Args:
+        std: None: it is not known.
+    """
+    return replace(settings, rod=replace(settings.rod, specific_modulus_std=std or 0.0))
 
 
 @contextmanager

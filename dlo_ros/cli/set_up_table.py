@@ -21,10 +21,18 @@ GUESSED = "none"
 
 
 def setup_lines(found: Diagnosis) -> tuple[SetupRow, ...]:
-    """Lines on the numbers of the set-up, the most clearly wrong first."""
+    """Lines on the numbers of the set-up, the most clearly wrong first.
+
+    Those of an effect that is named stand among the causes.
+    """
     labels = labels_of(found)
     counts = _counts(found)
-    off = {name: _deviations(name, n) for name, n in found.setup.items()}
+    named = {e.name for e in found.effects}
+    off = {
+        name: _deviations(name, n)
+        for name, n in found.setup.items()
+        if split_name(name)[0] not in named
+    }
     return tuple(
         _row(name, labels[name], found.setup[name], counts[name], notable=off[name] > NOTABLE)
         for name in sorted(off, key=lambda name: -off[name])
@@ -74,12 +82,13 @@ def _row(name: str, text: str, n: SetupNumber, count: int, *, notable: bool) -> 
         count: how many numbers its parameter has.
     """
     effect, key, index = split_name(name)
-    if n.std is None and n.held_std is None:
+    std = n.std or n.held_std
+    if std is None or (n.tolerance is None and std > NOTABLE * distance_off(name, n)):
         off = NOT_DETERMINED
     elif not quantities(effect)[key].from_neutral:
         off = amount(n.value, n.std, n.unit)
     else:
-        off = off_by(n.value, n.std or n.held_std, effect, key, index, count)
+        off = off_by(n.value, std, effect, key, index, count)
         if n.std is None:
             off += IF_DENSITY
     return SetupRow(

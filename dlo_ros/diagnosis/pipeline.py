@@ -192,8 +192,9 @@ def _sharper(plain: Evaluation, found: Learned, beginning: Beginning) -> Beginni
 def _left_out(beginning: Beginning) -> tuple[str, ...]:
     """Sentence on the pictures that were not used."""
     return tuple(
-        f"{r.name}: {number} of {number + len(r.times)} pictures {'is' if number == 1 else 'are'} "
-        "left out as outliers: the observed shape is grossly wrong there."
+        f"{r.name}: {number} of {number + len(r.times)} pictures "
+        f"{'is left out as an outlier' if number == 1 else 'are left out as outliers'}: the "
+        "observed shape is grossly wrong there."
         for r, number in zip(beginning.recordings, beginning.left_out, strict=False)
         if number
     )

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from dlo_ros.report.diagnosis_content import (
@@ -42,9 +43,9 @@ MODELS = {"observed": "observed", "predicted": "extended model", "initial": "pla
 """Names of the curves; one that is not extended is the plain model itself."""
 PLAIN_ONLY = {**MODELS, "predicted": "plain model"}
 CERTAIN = (
-    "A cause is certain where every model without it explains the data far worse, and where its "
-    "size is many standard deviations from zero. Of causes that explain the data equally well, one "
-    "acts."
+    "A cause is certain where every model without it explains the data far worse. How strong it is "
+    "may be undetermined all the same; then it says so. Where several causes explain the data "
+    "equally well, at least one of them acts, and the data do not tell which."
 )
 
 
@@ -75,7 +76,7 @@ def diagnosis_page(report: DiagnosisReport) -> str:
         sections.append(Section("Remarks", "".join(map(paragraph, report.remarks))))
     if report.loads:
         body = loads_table(report.loads)
-        sections.append(Section("What the DLO and its grips bore", body))
+        sections.append(Section("Largest loads in the recordings", body))
     if report.residual_relations:
         body = "".join(_relations(s) for s in report.residual_relations)
         if any(s.inputs for s in report.residual_relations):
@@ -91,7 +92,10 @@ def _summary(report: DiagnosisReport) -> str:
     answers = "".join(
         f"<h2>{markup(q.text)}</h2>" + "".join(map(paragraph, q.answer)) for q in report.questions
     )
-    return f'<p class="headline">{markup(report.headline)}</p><div class="answers">{answers}</div>'
+    about = ", ".join(r.name for r in report.recordings)
+    subject = f'<p class="subject">{markup(about)}</p>' if about else ""
+    headline = f'<p class="headline">{markup(report.headline)}</p>'
+    return f'{subject}{headline}<div class="answers">{answers}</div>'
 
 
 def _pictures(report: DiagnosisReport) -> str:
@@ -99,13 +103,23 @@ def _pictures(report: DiagnosisReport) -> str:
     if not report.recordings:
         return paragraph("No recording can be simulated, so there is nothing to show.")
     order = sorted(report.recordings, key=lambda r: -float(r.err_before.mean()))
-    parts = [_picture(0, order[0], report)]
+    parts = [_errors(order, report), _picture(0, order[0], report)]
     for k, r in enumerate(order[1:], 1):
-        words = f"{r.name}: {millimetres(float(r.err_before.mean()), 2)} off on average"
         parts.append(
-            f"<details><summary>{markup(words)}</summary>{_picture(k, r, report)}</details>"
+            f"<details><summary>{markup(r.name)}</summary>{_picture(k, r, report)}</details>"
         )
     return "".join(parts)
+
+
+def _errors(recordings: Sequence[DiagnosedRecording], report: DiagnosisReport) -> str:
+    """ERR of each recording, as it is drawn below."""
+    headers = ["recording", "plain model", "extended model"][: 3 if report.extends else 2]
+    rows = [
+        [r.name, *(millimetres(float(e.mean()), 2) for e in (r.err_before, r.err_after))]
+        for r in recordings
+    ]
+    text = paragraph("Mean distance from the observed shapes, each recording as drawn here:")
+    return text + table(headers, [row[: len(headers)] for row in rows])
 
 
 def _picture(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> str:
@@ -156,7 +170,7 @@ def _over_time(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[s
         figure(
             line_plot(plot),
             "ERR: mean distance between the two shapes over time. A single picture far above its "
-            "neighbours was measured wrongly.",
+            "neighbours was probably measured wrongly.",
         ),
         figure(
             field_maps(titles, r.times, r.u, fields, "distance [mm]"),
@@ -245,9 +259,9 @@ def _setup(report: DiagnosisReport) -> str:
     headers = ["what", "off by", "tolerance"]
     parts = [
         paragraph(
-            "Every set-up is a little off. These numbers were fitted along with the material, each "
-            "with the tolerance of a careful person; none of them counts as a cause. What has no "
-            "tolerance is only guessed, or need not act at all."
+            "Every set-up is a little off. These numbers were fitted beside the causes, each with "
+            "a tolerance: what careful work achieves. What has none is only guessed in the "
+            "parameter file, or need not act at all."
         )
     ]
     if notable:
@@ -256,19 +270,24 @@ def _setup(report: DiagnosisReport) -> str:
         parts.append(paragraph("None of them is notably off."))
     if others:
         rows = table(headers, [[r.name, r.off, r.tolerance] for r in others])
-        words = f"{len(others)} numbers that are not notably off (less than three std)"
+        words = f"{len(others)} numbers that may well be right (off by less than three std)"
         parts.append(f"<details><summary>{markup(words)}</summary>{rows}</details>")
     return "".join(parts)
 
 
 def _trace(report: DiagnosisReport) -> str:
+    simulated = [t for t in report.trace if t.err is not None]
     rows = [
-        [str(t.step), t.name.replace("_", " "), f"{t.gain:.1f}", millimetres(t.err), t.outcome]
-        for t in report.trace
+        [str(t.step), t.name.replace("_", " "), f"{t.gain:.0f}", millimetres(t.err, 2), t.outcome]
+        for t in simulated
     ]
     text = paragraph(
-        "Gain: how much the log evidence rises with the candidate; 3 is twenty to one. Those that "
-        "were not fitted have the gain that the linearised model predicts."
+        "Gain: how much the natural logarithm of the evidence rises with the candidate; 3 is "
+        "twenty to one. ERR is that on the recordings learned from. Numbers of the set-up are "
+        "fitted from the beginning: one beyond its tolerance is named without a step, and what is "
+        "not certain in the end is not named in spite of its step. "
+        f"{len(report.trace) - len(rows)} more candidates were not simulated, since the linearised "
+        "model predicts that they gain less; report.json has them."
     )
-    shown = table(["step", "candidate", "gain", "ERR", "what became of it"], rows) + text
-    return f"<details><summary>{len(rows)} candidates, by step</summary>{shown}</details>"
+    shown = text + table(["step", "candidate", "gain", "ERR", "what became of it"], rows)
+    return f"<details><summary>{len(rows)} simulated candidates</summary>{shown}</details>"

@@ -9,7 +9,10 @@ from dataclasses import dataclass, field
 from dlo_ros.report.loads import LoadRow
 from dlo_ros.spline import FloatArray
 
-ROLES = {"train": "used for the fit", "holdout": "not used for the fit, at least in part"}
+ROLES = {
+    "train": "used for the fit",
+    "holdout": "held out, at least in part, for the numbers above; drawn are the final models",
+}
 
 
 @dataclass(frozen=True)

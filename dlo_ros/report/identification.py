@@ -159,7 +159,7 @@ def identification_page(report: IdentificationReport) -> str:
     if report.recordings:
         sections.append(Section("Recordings", _recordings(report)))
     if report.loads:
-        sections.append(Section("What the DLO and its grips bore", loads_table(report.loads)))
+        sections.append(Section("Largest loads in the recordings", loads_table(report.loads)))
     return page(report.title, summary, sections)
 
 

@@ -49,7 +49,7 @@ def test_results_are_what_the_interface_says(tmp_path):
     loaded = Settings.load(tmp_path / "out" / "extended.yaml")
     assert loaded.effects["intrinsic_curvature"]["curvature"] == (0.5, 1.0)
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "What the DLO and its grips bore" in page
+    assert "Largest loads in the recordings" in page
     for words in ("curvature at rest", "direction of a clamp", "load per length", "Turn the clamp.",
                   "A remark.", "1.0 mm off", "Inputs that the residual depends on",
                   "so does the bending of the DLO", "too slowly to be judged",

@@ -60,7 +60,7 @@ def test_identify_writes_estimate_parameters_and_report(folder, tmp_path, capsys
     assert "Residuals along the DLO" in report
     assert "predicted at first" in report
     assert "Not drawn: E beside mu, since these data do not determine E and mu." in report
-    assert "What the DLO and its grips bore" in report and "smallest bend radius" in report
+    assert "Largest loads in the recordings" in report and "smallest bend radius" in report
     assert "http" not in report.replace("http://www.w3.org", "")
     out = capsys.readouterr().out
     assert "E/mu" in out

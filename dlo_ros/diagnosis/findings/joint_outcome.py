@@ -60,7 +60,9 @@ from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
-SETTLED = "No question is left open: no other cause explains these data as well."
+SETTLED = (
+    "No other cause explains these data as well: nothing has to be recorded to tell causes apart."
+)
 REPEAT = (
     "Repeat one of the manipulations unchanged: where both recordings differ from each other, the "
     "cause changes with time (a draught, a camera or a material that drifts); where they agree, it "

@@ -25,15 +25,15 @@ class CameraShift(Effect):
     in_setup: ClassVar[bool] = True
 
     x: float = quantity(
-        0.0, "m", -1.0, 1.0, "of the measured shapes, along x", tolerance=TOLERANCE,
+        0.0, "m", -1.0, 1.0, "along x, of the measured shapes", tolerance=TOLERANCE,
         sides=ALONG_AXES[:1],
     )  # fmt: skip
     z: float = quantity(
-        0.0, "m", -1.0, 1.0, "of the measured shapes, along z", tolerance=TOLERANCE,
+        0.0, "m", -1.0, 1.0, "along z, of the measured shapes", tolerance=TOLERANCE,
         sides=ALONG_AXES[2:],
     )  # fmt: skip
     y: float = quantity(
-        0.0, "m", -1.0, 1.0, "of the measured shapes, along y", tolerance=TOLERANCE, spatial=True,
+        0.0, "m", -1.0, 1.0, "along y, of the measured shapes", tolerance=TOLERANCE, spatial=True,
         sides=ALONG_AXES[1:2],
     )  # fmt: skip
 

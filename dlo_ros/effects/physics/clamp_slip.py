@@ -39,12 +39,12 @@ class ClampSlip(Effect):
     )  # fmt: skip
 
     onset: float = quantity(
-        EVENLY, "s", EVENLY, 1e4, "when it is gained, from the first frame; negative: evenly",
+        EVENLY, "s", EVENLY, 1e4, "when the grip gives way, from the first frame; negative: evenly",
         role="place", search=(0.0, LONG), once=True,
     )  # fmt: skip
 
     duration: float = quantity(
-        SUDDEN, "s", 1e-2, 1e4, "in which it is gained, where it has an onset",
+        SUDDEN, "s", 1e-2, 1e4, "how long the grip takes to give way, where it has an onset",
         search=(2e-2, LONG), once=True,
     )  # fmt: skip
 

@@ -21,7 +21,9 @@ class TwistingStiffness(Effect):
 
     name: ClassVar[str] = "twisting_stiffness"
     title: ClassVar[str] = "twisting stiffness"
-    phrase: ClassVar[str] = "the DLO resists twist more or less than a solid rod of its material"
+    phrase: ClassVar[str] = (
+        "the DLO's twisting stiffness is larger or smaller than that of a solid rod of its material"
+    )
     in_setup: ClassVar[bool] = True
 
     ratio: float = quantity(
