@@ -126,6 +126,18 @@ def test_the_torque_at_the_clamp_of_a_cantilever_is_that_of_the_heavy_elastica(y
     assert found.bend_at == 0.0
 
 
+def test_a_dlo_whose_grip_gives_is_bent_no_more_than_its_moment_says():
+    """It turns beside the grip, as about a hinge, which is no bend of the DLO."""
+    settings = PAPER.with_material(5e7, 2500.0)
+    stiff = settings.rod.bending_stiffness
+    soft = settings.with_effects({"clamp_compliance": {"start": 0.3 * settings.rod.length / stiff}})
+    rigid, gives = (borne(s, held_start(), 28) for s in (settings, soft))
+    moment = np.linalg.norm(gives.start.torque)
+    assert moment < 0.99 * np.linalg.norm(rigid.start.torque)
+    assert 0.95 * stiff / moment < gives.bend_radius < 1.15 * stiff / moment
+    assert 0.0 < gives.bend_at < 0.1 * settings.rod.length
+
+
 def arc(turned, kappa):
     """A command that bends a straight DLO into an arc, in a plane turned about x [rad]."""
     angle = kappa * ROD.length

@@ -188,6 +188,9 @@ class Balance:
         self._before = (span < np.arange(basis.spans + 1)[:, None]).astype(float)
         self._places = np.linspace(0.0, basis.length, PLACES * basis.spans + 1)
         self._slope, self._curvature = (basis.matrix(self._places, d) for d in (1, 2))
+        # Where a grip gives, the DLO turns beside it, and is not bent so.
+        hinged = np.broadcast_to(model.body.hinged, len(model.points)).reshape(basis.spans, -1)
+        self._bent = ~hinged.any(axis=1)[basis.span_of(self._places)]
         knots = basis.breaks
         self._between = np.array(
             [np.interp(self._places, knots, row) for row in np.eye(len(knots))]
@@ -223,7 +226,7 @@ class Balance:
         p, s = self._slope @ q[..., :3], self._curvature @ q[..., :3]
         speed = np.linalg.norm(p, axis=-1)
         tension = -dot(self._between @ inner, p) / speed
-        bend = np.linalg.norm(cross(p, s), axis=-1) / speed**3
+        bend = self._bent * np.linalg.norm(cross(p, s), axis=-1) / speed**3
         result = []
         for k in range(len(q)):
             start, end = (None if e is None else Wrench(e[0][k], e[1][k]) for e in ends)
