@@ -191,7 +191,7 @@ def _places(views: Sequence[RecordingView], length: float) -> list[str]:
     if along[k] > UNEVEN_ERROR * along.mean():
         sentences.append(
             f"Along the DLO it is most wrong {_place(u[k] / length)} (at {1e3 * u[k]:.0f} of "
-            f"{1e3 * length:.0f} mm from the start), by {mm(float(along[k]))}."
+            f"{1e3 * length:.0f} mm from the start), by {mm(float(along[k]))} (root mean square)."
         )
     else:
         sentences.append("It is about as wrong all along the DLO.")

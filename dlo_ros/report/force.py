@@ -78,7 +78,7 @@ def force_maps(
         ),
         "The load per length across the DLO that would bring the plain model onto the measurement "
         "(a linear beam about the predicted shape). White where it is less than two standard "
-        f"deviations; these are {number(float(np.median(inner)), digits=2)} N/m in the middle.",
+        f"deviations, each {number(float(np.median(inner)), digits=2)} N/m in the DLO's middle.",
     )  # fmt: skip
 
 

@@ -57,7 +57,9 @@ def field_maps(
             axes.set_title(typeset(title), fontsize=10)
             axes.set_xlabel("time [s]")
         first.set_ylabel("u along the DLO [mm]")
-        figure.colorbar(picture, cax=figure.add_subplot(grid[-1]), label=typeset(label))
+        beyond = "both" if np.any(values > bound) else "neither"  # pointed: there are larger ones
+        cax = figure.add_subplot(grid[-1])
+        figure.colorbar(picture, cax=cax, label=typeset(label), extend=beyond)
         buffer = io.BytesIO()
         figure.savefig(buffer, format="png")
     encoded = base64.b64encode(buffer.getvalue()).decode("ascii")

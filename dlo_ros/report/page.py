@@ -54,8 +54,8 @@ def page(title: str, summary: str, sections: Sequence[Section]) -> str:
 {summary}
 </header>
 {body}
-<footer>Made by dlo_ros {escape(__version__)}. SI units; a value \N{PLUS-MINUS SIGN} its standard
-deviation.</footer>
+<footer>Made by dlo_ros {escape(__version__)}. A value \N{PLUS-MINUS SIGN} its standard deviation;
+files are in SI units.</footer>
 </main>
 <script>
 {_asset("player.js")}</script>
