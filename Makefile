@@ -35,7 +35,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 help:
 	@sed -n 's/^# //p' Makefile | head -4
-	@echo "also: setup, demo-space, docs, reference, real, examples, paper, bench, challenge, field, stereo, observer, fuzz, faults, soak, coverage, test-quick, test-slow, test-report, test-export, lint, picture, lock, clean"
+	@echo "also: setup, demo-space, docs, reference, real, examples, paper, bench, challenge, field, stereo, observer, fuzz, faults, soak, coverage, audit, test-quick, test-slow, test-report, test-export, lint, picture, lock, clean"
 
 setup: $(COMPILED)
 
