@@ -43,6 +43,7 @@ INSIDE = {
     "rod": (
         ("simd", "parameter_names"),
         ("elements",),
+        ("lanes",),
         ("discretisation",),
         ("boundary", "model"),
         ("solve",),

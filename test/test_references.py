@@ -149,7 +149,7 @@ def test_names_in_backticks_exist():
 
 @pytest.mark.parametrize(
     "reference",
-    ["aside.Split", "holdout.Other", "Recording.other", "rod.other", "dlo_ros.rod.lanes"],
+    ["aside.Split", "holdout.Other", "Recording.other", "rod.other", "dlo_ros.rod.knots"],
 )
 def test_a_name_that_does_not_exist_is_noticed(reference):
     assert not exists(reference)

@@ -56,8 +56,13 @@ ITERATIONS = 40
 """Steps of a search for variances at most."""
 LEAST_START = 0.01
 """Share of what the residuals suggest that a variance is at the beginning of a search at least."""
-WHITE, NODAL, FADING, _, _, SHARED, SHARED_ROUGH, _ = range(8)
-"""Numbers of the components, in the order in which `Variances` names them."""
+PLACE = {
+    name: k
+    for k, name in enumerate(
+        ("white", "nodal", "fading", "lasting", "rough", "shared", "shared_rough", "swinging")
+    )
+}
+"""Numbers of the components, as `Variances` names them."""
 
 
 @dataclass(frozen=True)
@@ -343,8 +348,10 @@ def _cost(
     for row, part in zip(rows, parts, strict=True):
         changes[row, bin_] += part
     place = len(x) - 1 - bins.parts
-    changes[place] = -parts[FADING] * ar1_rate(memory, bins.frequency)
-    faster = -(parts[WHITE] + parts[NODAL]) * ar1_rate(noise_memory[bins.part], bins.frequency)
+    changes[place] = -parts[PLACE["fading"]] * ar1_rate(memory, bins.frequency)
+    faster = -(parts[PLACE["white"]] + parts[PLACE["nodal"]]) * ar1_rate(
+        noise_memory[bins.part], bins.frequency
+    )
     changes[place + 1 + bins.part, bin_] = faster
     relative = changes * np.sqrt(0.5 * bins.count) / variance
     return -found.evidence, changes @ slope, relative @ relative.T
@@ -363,9 +370,10 @@ def _unlikely(
         It, its derivatives, and its second derivatives, shapes () and (m,).
     """
     place = np.arange(len(x))
-    repeated = (place >= rows[FADING].min()) & (place <= rows[SHARED_ROUGH].max())
-    shared = repeated & (place >= rows[SHARED].min())
-    smooth = shared & (place <= rows[SHARED].max())
+    first, last = rows[PLACE["fading"]].min(), rows[PLACE["shared_rough"]].max()
+    repeated = (place >= first) & (place <= last)
+    shared = repeated & (place >= rows[PLACE["shared"]].min())
+    smooth = shared & (place <= rows[PLACE["shared"]].max())
     usual = np.where(shared, SHARED_STD, REPEATED_STD) * length
     square = np.where(repeated, 0.5 * np.exp(x) / usual**2, 0.0)
     log = np.where(smooth, 0.5 * x - np.log(usual), 0.0)

@@ -21,6 +21,7 @@ from dlo_ros.rod.solve.generalised_alpha import (
     step,
 )
 from dlo_ros.rod.solve.integrator_state import LAST, NEXT, TIME, another, assign, commit
+from dlo_ros.rod.solve.newton_in_lanes import UNKNOWN_PACE, lane_addresses
 
 FIRST_STEP = 1e-3  # [s]
 SAME_INSTANT = 1e-12  # [s]
@@ -63,7 +64,7 @@ def march(
     """
     system, imposed = rod.system, rod.imposed
     steps, count, k = 0, derivatives.shape[1], 0
-    new = another(state)
+    new, lanes, pace = another(state), lane_addresses(rod.lanes), np.array(UNKNOWN_PACE)
     clock = state.clock
     d_before, d_speed = varying.q.copy(), varying.velocity.copy()
     while k < stops.size and stops[k] <= clock[TIME] + SAME_INSTANT:
@@ -77,7 +78,7 @@ def march(
         h = remaining / pieces
         while True:
             steps += 1
-            status, error = step(system, imposed, state, h, newton, new)
+            status, error = step(system, imposed, state, h, newton, new, lanes, pace)
             if status == NO_DIRECTION:
                 return status, steps
             if status == DONE and (error <= 2.0 * tolerance or h < 10.0 * SMALLEST_STEP):

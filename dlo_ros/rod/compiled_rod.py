@@ -18,10 +18,13 @@ from dlo_ros.command import Command
 from dlo_ros.effects.base import ROD
 from dlo_ros.rod.boundary import conditions
 from dlo_ros.rod.boundary.imposed_motion import Boundary
-from dlo_ros.rod.elements.rod_tables import ConstitutiveLaw, Stiffness, Surroundings
+from dlo_ros.rod.discretisation import Discretisation
+from dlo_ros.rod.elements.rod_tables import DOF, ConstitutiveLaw, Stiffness, Surroundings
+from dlo_ros.rod.lanes.simd_tables import Tables
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import imposed_of, parts_of, stacked, stacked_imposed, true_command
 from dlo_ros.rod.parameter_names import acts_on, acts_on_measurement
+from dlo_ros.rod.planar_model import IN_PLANE
 from dlo_ros.rod.sensitivity.prepared_rod import PreparedRod, prepare
 from dlo_ros.rod.sensitivity.sensitivity_state import (
     INELASTIC,
@@ -32,9 +35,12 @@ from dlo_ros.rod.sensitivity.sensitivity_state import (
 )
 from dlo_ros.rod.sensitivity_parameters import POSES, changed, displaced, variation_of
 from dlo_ros.rod.solve.equation_system import System
+from dlo_ros.rod.solve.newton_in_lanes import PlanarLanes, planar_lanes, planar_tables
 from dlo_ros.rod_settings import EFFECTS_PREFIX, RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
+KEPT_TABLES = 32
+"""Tables that are kept: those of some recordings, each with several numbers of spans."""
 KEPT = 8
 """Compiled rods of one model, and rods whose variants are kept."""
 PAIRS_KEPT = 256
@@ -50,6 +56,7 @@ class Compiled:
         system, imposed: see there.
         step, moves, rates, kind: fields of the parameters, see `SensitivityState`.
         boundary: what the command holds.
+        discretisation: tables of the basis.
     """
 
     system: System
@@ -59,6 +66,7 @@ class Compiled:
     rates: Rates
     kind: float
     boundary: Boundary
+    discretisation: Discretisation
 
     @cached_property
     def coupled(self) -> bool:
@@ -70,9 +78,15 @@ class Compiled:
         """All of it as one object for compiled code."""
         found: PreparedRod = prepare(
             self.system, self.imposed, self.step, self.moves, self.rates, self.kind,
-            self.boundary.fixed, self.boundary.pins,
+            self.boundary.fixed, self.boundary.pins, self._planar_lanes(),
         )  # fmt: skip
         return found
+
+    def _planar_lanes(self) -> PlanarLanes:
+        """The rod in lanes; nothing where it leaves the plane, or has pins."""
+        flat = len(self.system.fixed) < len(self.boundary.fixed)
+        tables = _planar_tables(self.discretisation, self.boundary)
+        return planar_lanes(tables, usable=flat and not len(self.boundary.pins))
 
     def mark(self, varying: SensitivityState) -> SensitivityState:
         """Sensitivities that contain the names of their parameters."""
@@ -155,8 +169,14 @@ def _compiled(
         moves.append(moved)
     return Compiled(
         rods.system, stacked_imposed(commands), rods.step, np.array(moves, dtype=np.float64),
-        rods.rates, rods.kind, boundary,
+        rods.rates, rods.kind, boundary, model.discretisation,
     )  # fmt: skip
+
+
+@lru_cache(maxsize=KEPT_TABLES)
+def _planar_tables(of: Discretisation, boundary: Boundary) -> Tables:
+    """The tables that rods with a discretisation have in common where they are held alike."""
+    return planar_tables(of.rule, boundary.fixed.reshape(-1, DOF)[:, IN_PLANE])
 
 
 @lru_cache(maxsize=KEPT)
@@ -236,7 +256,7 @@ def _rates(system: System, step: FloatArray) -> Rates:
         Stiffness(*(rate(x) for x in system.stiffness)), rate(system.mass), rate(system.spin),
         rate(system.drag), rate(system.load), rate(system.relaxation_time),
         ConstitutiveLaw._make(rate(np.asarray(x)) for x in system.law), rate(around.friction),
-        rate(around.brake), _body_changes(around, len(step)),
+        rate(around.brake), _body_changes(around, len(step)), _changes(_inertia(system), len(step)),
     )  # fmt: skip
 
 
@@ -244,7 +264,19 @@ def _body_changes(around: Surroundings, count: int) -> FloatArray:
     """1 for each of the parameters that changes what pegs or walls do to the rod, else 0."""
     if around.pegs.shape[1] + around.walls.shape[1] == 0:
         return np.zeros(count)
-    tables = (around.pegs, around.walls, np.asarray(around.contact))
+    return _changes((around.pegs, around.walls, np.asarray(around.contact)), count)
+
+
+def _inertia(system: System) -> tuple[FloatArray, ...]:
+    """Mass and drag of the variants, with those that grow with the free length."""
+    u = system.uniform
+    return (system.mass, system.spin, system.drag, u.mass, u.spin, u.drag)
+
+
+def _changes(tables: Sequence[FloatArray], count: int) -> FloatArray:
+    """1 for each of the parameters whose two variants differ in a table (V, ...), else 0."""
+    if not count:
+        return np.zeros(0)
     flat = np.concatenate([x.reshape(len(x), -1) for x in tables], axis=1)
     return np.array(np.any(flat[1::2] != flat[2::2], axis=1), dtype=np.float64)
 

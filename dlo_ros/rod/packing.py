@@ -189,7 +189,7 @@ def _no_rates(n: int, nb: int, d: int, count: int) -> Rates:
     )
     return Rates(
         stiffness, zeros(n, 4), zeros(n, 4), zeros(n, 4), zeros(n, d), zeros(), law, zeros(),
-        zeros(), zeros(),
+        zeros(), zeros(), zeros(),
     )  # fmt: skip
 
 

@@ -7,49 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnoses import KNOWN, found
+from diagnoses import DEGREE, KNOWN, LENGTH, MASS, SETUP, answers, case, found
 from html_check import checked
 
 from dlo_ros.cli.diagnosis_output import WIDTH, report, summary, tree
-from dlo_ros.cli.diagnosis_story import headline, story
+from dlo_ros.cli.diagnosis_story import headline
 from dlo_ros.cli.diagnosis_words import is_sized, rows
 from dlo_ros.cli.set_up_table import setup_lines
-from dlo_ros.diagnosis import Fitted, Gain, NamedEffect, Number, SetupNumber
+from dlo_ros.diagnosis import Gain, NamedEffect, Number, SetupNumber
 from dlo_ros.effects import effects
 from dlo_ros.identification.identifiability import enumerated
 from dlo_ros.report.diagnosis import diagnosis_page
-
-DEGREE = np.pi / 180.0
-LENGTH = KNOWN.rod.length
-MASS = NamedEffect(
-    "point_mass",
-    {"mass": Number(0.0312, 0.0021, "kg"), "position": Number(0.25, 0.004, "m")}, (), 0.71,
-)  # fmt: skip
-SETUP = {
-    "clamp_angle.start": SetupNumber(2.1 * DEGREE, 0.4 * DEGREE, 3.0 * DEGREE, "rad"),
-    "camera_scale.ratio": SetupNumber(1.004, 0.001, 0.005, ""),
-    "clamp_offset.start[0]": SetupNumber(1e-4, 1e-3, 2e-3, "m"),
-    "clamp_offset.start[1]": SetupNumber(1e-4, 1e-3, 2e-3, "m"),
-    "gravity_tilt.angle": SetupNumber(0.001, 0.01, DEGREE, "rad"),
-}
-
-
-def case(verdict="explained", causes=(MASS,), before=2.4e-3, after=0.63e-3, **changes):
-    """A diagnosis with the sizes of a real one."""
-    made = found()
-    block = {"point_mass": {"mass": 0.03, "position": 0.25}} if causes or changes else {}
-    numbers = (1e7, None), (2000.0, 20.0), (5e3, 12.0)
-    return replace(
-        made, verdict=verdict, effects=tuple(causes), noise_floor=1e-4, material_err=2e-4,
-        baseline=Fitted(KNOWN, *numbers, before, before),
-        extended=Fitted(KNOWN.with_effects(block), *numbers, after, after),
-        gain=Gain(0.74, 0.6, 0.81), **changes,
-    )  # fmt: skip
-
-
-def answers(made):
-    return [" ".join(a.answer) for a in story(made, LENGTH, "extended.yaml").answers]
-
 
 SLIP = NamedEffect(
     "clamp_slip",
@@ -210,49 +178,6 @@ def test_where_and_when():
     assert "about as wrong all along" in wrong and "It is worst" not in wrong
 
 
-def test_the_set_up_is_a_table_with_what_is_off_first():
-    made = case(setup=SETUP)
-    lines = setup_lines(made)
-    assert [line.name for line in lines[:2]] == [
-        "direction of a clamp, at the start",
-        "camera scale",
-    ]
-    assert [line.off for line in lines[:2]] == [
-        "2.1 +- 0.4 degrees clockwise",
-        "0.40 +- 0.10 % too small",
-    ]
-    assert lines[0].tolerance == "3.0 degrees" and lines[1].tolerance == "0.50 %"
-    assert [line.notable for line in lines] == [True, True, False, False, False]
-    text = summary(made, LENGTH, Path("build/diagnosis"))
-    rows = text[text.index("Your set-up, as far as the data determine it") :]
-    assert rows[1].split() == ["what", "off", "by", "tolerance"]
-    assert rows[2].startswith("  direction of a clamp, at the start  2.1 +- 0.4 degrees clockwise")
-    assert rows[4] == "  3 other numbers are as they should be, as far as these data determine."
-
-
-def test_a_time_is_told_as_it_is_and_is_never_off():
-    creep = {
-        "viscoelasticity.share": SetupNumber(0.13, 0.13, None, ""),
-        "viscoelasticity.time": SetupNumber(0.064, 0.005, None, "s"),
-    }
-    lines = {line.name: line for line in setup_lines(case(setup=creep))}
-    assert lines["creep, in which it relaxes"].off == "64 +- 5 ms"
-    assert not any(line.notable for line in lines.values())
-
-
-def test_numbers_of_a_named_effect_stand_among_the_causes_alone():
-    clamp = NamedEffect("clamp_angle", {"start": Number(0.2, 0.01, "rad")}, (), 0.7)
-    named = {line.name for line in setup_lines(case(causes=[clamp], setup=SETUP))}
-    assert not any("clamp, at the start" in name and "direction" in name for name in named)
-    assert "camera scale" in named
-
-
-def test_what_may_be_anything_is_not_determined():
-    friction = {"hysteresis.moment": SetupNumber(6e-4, 1927.0, None, "N m")}
-    (line,) = setup_lines(case(setup=friction))
-    assert line.off == "not determined" and not line.notable
-
-
 def test_a_phrase_that_names_two_sides_names_its_own():
     for name, effect in effects().items():
         pairs = [pair for q in effect.quantities() for pair in q.sides if all(pair)]
@@ -263,15 +188,6 @@ def test_a_phrase_that_names_two_sides_names_its_own():
         assert any(told) or not re.search(r"(more|larger|longer|too \w+) or ", phrase), name
     twist = effects()["twisting_stiffness"]
     assert "is smaller than that" in twist.report_phrase("smaller")
-
-
-@pytest.mark.parametrize(
-    ("count", "words"),
-    [(1, "The number is as it should be"), (2, "Both numbers are as"), (3, "All 3 numbers are as")],
-)
-def test_numbers_that_are_not_off_are_counted(count, words):
-    quiet = dict(list(SETUP.items())[2 : 2 + count])
-    assert words in "\n".join(summary(case(setup=quiet), LENGTH, Path("build/diagnosis")))
 
 
 @pytest.mark.parametrize("made", [case(), case(setup=SETUP), case("unexplained", ()), found()])

@@ -50,7 +50,7 @@ def test_moment_and_plastic_curvature(x, yielding):
     np.testing.assert_allclose(
         found.plastic[0],
         slopes(
-            lambda a, b, c, d, y, h: plastic_curvature(a, b, c, d, law(half, y, h), 0),
+            lambda a, b, c, d, y, h: plastic_curvature(a, b, c, d, y, h),
             (*x, *plastic, yielding, hardening),
         ),
         atol=CLOSE,
@@ -58,12 +58,12 @@ def test_moment_and_plastic_curvature(x, yielding):
     np.testing.assert_allclose(
         found.moment[0, :, :9],
         slopes(
-            lambda s, t, a, b, c, d, y, h, w: bending_moment(s, t, a, b, c, d, law(w, y, h), 0),
+            lambda s, t, a, b, c, d, y, h, w: bending_moment(s, t, a, b, c, d, w, y, h),
             (*stiff, *x, *plastic, yielding, hardening, half),
         ),
         atol=CLOSE,
     )
-    moment = bending_moment(*stiff, *x, *plastic, one, 0)[:2]
+    moment = bending_moment(*stiff, *x, *plastic, half, yielding, hardening)[:2]
     np.testing.assert_allclose(found.moment[0, :, 9], moment, rtol=1e-12)
 
 

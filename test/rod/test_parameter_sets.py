@@ -22,10 +22,10 @@ from dlo_ros.command import Command
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.parameters import DampingParameters
 from dlo_ros.rod import dynamics
-from dlo_ros.rod.batch import simd_kernels, simd_solver, simd_tables
 from dlo_ros.rod.batch.parameter_sets import ParameterSets, follow_many
 from dlo_ros.rod.elements import rod_forces
 from dlo_ros.rod.elements.constitutive_law import room
+from dlo_ros.rod.lanes import simd_kernels, simd_solver, simd_tables
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simd.eight_lanes import LANES, largest, load, root, rows, smaller, spread, store
 from dlo_ros.rod.statics import NO_INTERNAL_VARIABLES, material_at_rest

@@ -19,12 +19,12 @@ from rods import PAPER, command, straight
 from scipy.spatial.transform import Rotation
 
 from dlo_ros.rod import dynamics
-from dlo_ros.rod.batch import simd_kernels, simd_solver, spatial_kernels, spatial_strains
 from dlo_ros.rod.batch.layout import Layout
 from dlo_ros.rod.batch.parameter_sets import follow_many
 from dlo_ros.rod.boundary.conditions import BODY, DIRECTOR
 from dlo_ros.rod.elements import rod_forces
 from dlo_ros.rod.elements.constitutive_law import room
+from dlo_ros.rod.lanes import simd_kernels, simd_solver, spatial_kernels, spatial_strains
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simd.eight_lanes import LANES, rows
 from dlo_ros.rod.statics import NO_INTERNAL_VARIABLES, hold, material_at_rest

@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.rod import dynamics, integration
-from dlo_ros.rod.batch import simd_kernels, single_rod, spatial_kernels
+from dlo_ros.rod.batch import single_rod
 from dlo_ros.rod.batch.layout import Layout
+from dlo_ros.rod.lanes import simd_kernels, spatial_kernels
 from dlo_ros.rod.packing import insensitive
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simd.eight_lanes import rows

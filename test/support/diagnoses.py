@@ -6,7 +6,17 @@ from dataclasses import replace
 import numpy as np
 from rods import PAPER
 
-from dlo_ros.diagnosis import Diagnosis, Fitted, Gain, NamedEffect, Number, RecordingView, Trial
+from dlo_ros.cli.diagnosis_story import story
+from dlo_ros.diagnosis import (
+    Diagnosis,
+    Fitted,
+    Gain,
+    NamedEffect,
+    Number,
+    RecordingView,
+    SetupNumber,
+    Trial,
+)
 from dlo_ros.diagnosis.residuals.relations import Relation, Relations, ResidualPattern
 
 KNOWN = replace(PAPER, rod=replace(PAPER.rod, density_std=20.0))
@@ -47,3 +57,35 @@ def found(frames=12, n=10):
         (Trial("intrinsic_curvature", 1.1e-4, 10.0), Trial("none", None, 1e4)),
         "Turn the clamp.", 1e-5, ("A remark.",), (view,), relations(),
     )  # fmt: skip
+
+
+DEGREE = np.pi / 180.0
+LENGTH = KNOWN.rod.length
+MASS = NamedEffect(
+    "point_mass",
+    {"mass": Number(0.0312, 0.0021, "kg"), "position": Number(0.25, 0.004, "m")}, (), 0.71,
+)  # fmt: skip
+SETUP = {
+    "clamp_angle.start": SetupNumber(2.1 * DEGREE, 0.4 * DEGREE, 3.0 * DEGREE, "rad"),
+    "camera_scale.ratio": SetupNumber(1.004, 0.001, 0.005, ""),
+    "clamp_offset.start[0]": SetupNumber(1e-4, 1e-3, 2e-3, "m"),
+    "clamp_offset.start[1]": SetupNumber(1e-4, 1e-3, 2e-3, "m"),
+    "gravity_tilt.angle": SetupNumber(0.001, 0.01, DEGREE, "rad"),
+}
+
+
+def case(verdict="explained", causes=(MASS,), before=2.4e-3, after=0.63e-3, **changes):
+    """A diagnosis with the sizes of a real one."""
+    made = found()
+    block = {"point_mass": {"mass": 0.03, "position": 0.25}} if causes or changes else {}
+    numbers = (1e7, None), (2000.0, 20.0), (5e3, 12.0)
+    return replace(
+        made, verdict=verdict, effects=tuple(causes), noise_floor=1e-4, material_err=2e-4,
+        baseline=Fitted(KNOWN, *numbers, before, before),
+        extended=Fitted(KNOWN.with_effects(block), *numbers, after, after),
+        gain=Gain(0.74, 0.6, 0.81), **changes,
+    )  # fmt: skip
+
+
+def answers(made):
+    return [" ".join(a.answer) for a in story(made, LENGTH, "extended.yaml").answers]

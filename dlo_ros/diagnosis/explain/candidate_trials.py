@@ -15,6 +15,7 @@ from dlo_ros.diagnosis.explain.own_moments import (
     has_common_moments,
     nearest_moments,
     of_model,
+    refined_moments,
     with_own_moments,
 )
 from dlo_ros.diagnosis.explain.trial_beginnings import Beginning, beginning
@@ -221,7 +222,7 @@ def _at_own_moments(
     proposals = [p.proposal for _, predictions in offers for p in predictions]
     starts = [p.start for p in proposals if p.start is not None and p.effect == cause.effect]
     own_model = with_own_moments(at.model, recordings)
-    model = nearest_moments(own_model, recordings, starts)
+    model = refined_moments(nearest_moments(own_model, recordings, starts), recordings)
     found = fitted(model, recordings, FIRST_ITERATIONS, far=True, draft=True)
     if found is None:
         return trial

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import cast
 
 import numpy as np
+from scipy.optimize import minimize
 
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects import Start, quantities
@@ -25,6 +26,10 @@ from dlo_ros.inference.parameter import (
     value_of,
     with_value,
 )
+from dlo_ros.spline import FloatArray
+
+MOMENT_TRIALS = 25
+"""Moments of a recording that are simulated: no derivative leads to them from far away."""
 
 
 def has_common_moments(cause: Proposal) -> bool:
@@ -79,6 +84,38 @@ def nearest_moments(
         for k, p in enumerate(model.parameters):
             if OWN in p.name and acts_in(p.name, recording.name):
                 theta[k] = there[k]
+    return model.at(theta)
+
+
+def refined_moments(model: ParametricModel, recordings: Sequence[Recording]) -> ParametricModel:
+    """The model with each recording's own moments where they come nearest to its shapes.
+
+    Derivatives hold no farther than the event takes, which may be one picture.
+    """
+    theta = model.theta()
+    for recording in recordings:
+        places = [
+            k for k, p in enumerate(model.parameters)
+            if OWN in p.name and acts_in(p.name, recording.name)
+        ]  # fmt: skip
+        if not places:
+            continue
+
+        def err(moments: FloatArray, places: list[int] = places, r: Recording = recording) -> float:
+            moved = theta.copy()
+            moved[places] = moments
+            try:
+                return float(simulate(model.at(moved), [r], ()).err[0].mean())
+            except SimulationError:
+                return model.settings.rod.length  # farther off than what can be simulated
+
+        steps = np.diag([model.parameters[k].step for k in places])
+        simplex = theta[places] + np.vstack([np.zeros(len(places)), steps])
+        found = minimize(
+            err, theta[places], method="Nelder-Mead",
+            options={"maxfev": MOMENT_TRIALS, "initial_simplex": simplex},
+        )  # fmt: skip
+        theta[places] = found.x
     return model.at(theta)
 
 

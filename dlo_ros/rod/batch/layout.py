@@ -9,20 +9,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from dlo_ros.rod.batch import spatial_kernels
-from dlo_ros.rod.batch.simd_kernels import (
+from dlo_ros.rod.batch.simd_step import BatchState, Room, Sets
+from dlo_ros.rod.boundary.conditions import END_CLAMP, START_CLAMP
+from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.discretisation import Discretisation
+from dlo_ros.rod.elements.rod_tables import DOF, Stiffness
+from dlo_ros.rod.lanes import spatial_kernels
+from dlo_ros.rod.lanes.simd_kernels import (
     COLUMN,
     BatchLaw,
     Frame,
     Scratch,
 )  # fmt: skip
-from dlo_ros.rod.batch.simd_step import BatchState, Room, Sets
-from dlo_ros.rod.batch.simd_tables import KEPT, TARGET, Tables, tables_of
-from dlo_ros.rod.batch.span_lanes import with_room
-from dlo_ros.rod.boundary.conditions import END_CLAMP, START_CLAMP
-from dlo_ros.rod.boundary.imposed_motion import Boundary
-from dlo_ros.rod.discretisation import Discretisation
-from dlo_ros.rod.elements.rod_tables import DOF, Stiffness
+from dlo_ros.rod.lanes.simd_tables import KEPT, TARGET, Tables, tables_of
+from dlo_ros.rod.lanes.span_lanes import with_room
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.planar_model import IN_PLANE, reduce
 from dlo_ros.rod.simd.eight_lanes import LANES, rows

@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch.simd_kernels import slopes, span_stretch
-from dlo_ros.rod.batch.simd_tables import local_tables
-from dlo_ros.rod.batch.span_lanes import gather, scatter_numbers
 from dlo_ros.rod.batch.stress_sensitivity import stress
 from dlo_ros.rod.elements.strains import MIDDLE
+from dlo_ros.rod.lanes.simd_kernels import slopes, span_stretch
+from dlo_ros.rod.lanes.simd_tables import local_tables
+from dlo_ros.rod.lanes.span_lanes import gather, scatter_numbers
 from dlo_ros.rod.simd.eight_lanes import entry, load, root, row_address, store
 
 GRADIENTS = 6  # numbers of a point: derivatives of stretch by p, of curvature by p and s

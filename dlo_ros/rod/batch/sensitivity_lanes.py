@@ -7,12 +7,12 @@ import numpy as np
 
 from dlo_ros.rod.batch import planar_sensitivity, spatial_sensitivity
 from dlo_ros.rod.batch.layout import Layout, bending
-from dlo_ros.rod.batch.simd_kernels import BatchLaw
 from dlo_ros.rod.batch.simd_sensitivity import Variations
 from dlo_ros.rod.batch.simd_step import Sets
 from dlo_ros.rod.batch.stress_sensitivity import STRESS
 from dlo_ros.rod.boundary.conditions import FRAME, Imposed
 from dlo_ros.rod.compiled_rod import Compiled
+from dlo_ros.rod.lanes.simd_kernels import BatchLaw
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.simd.eight_lanes import LANES, rows
 from dlo_ros.spline import FloatArray

@@ -12,7 +12,6 @@ import numpy as np
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.adaptive_integration import FIRST_STEP, SAME_INSTANT, next_stop
-from dlo_ros.rod.batch.simd_kernels import BatchLaw, Scratch, tensions
 from dlo_ros.rod.batch.simd_sensitivity import (
     impose_variants,
     last_corner,
@@ -22,18 +21,19 @@ from dlo_ros.rod.batch.simd_sensitivity import (
     state_at,
 )  # fmt: skip
 from dlo_ros.rod.batch.simd_step import (
-    UNKNOWN,
     Room,
     accept,
     rate_weights,
     try_step,
 )  # fmt: skip
-from dlo_ros.rod.batch.simd_tables import TARGET, addresses
 from dlo_ros.rod.boundary.conditions import Imposed, impose
+from dlo_ros.rod.lanes.simd_kernels import BatchLaw, Scratch, tensions
+from dlo_ros.rod.lanes.simd_tables import TARGET, addresses
 from dlo_ros.rod.simd.eight_lanes import LANES, address, entry, load, spread, store
 from dlo_ros.rod.solve.dense_output import place_weights, speed_weights
 from dlo_ros.rod.solve.generalised_alpha import DONE, NO_CONVERGENCE, NO_DIRECTION, SMALLEST_STEP
 from dlo_ros.rod.solve.integrator_state import assign
+from dlo_ros.rod.solve.newton_in_lanes import UNKNOWN_PACE
 
 
 @linked(from_python=True)
@@ -89,7 +89,7 @@ def march_group(sets, tables, imposed, frames, motion, room, target, clock, reac
                 stops, tolerance, newton, place, variations, shapes, speeds, twists,
                 derivatives):  # fmt: skip
     """Integrate one group; `adaptive_integration.march` says how steps are chosen."""
-    steps, pace = 0, UNKNOWN
+    steps, pace = 0, UNKNOWN_PACE
     theta, pins, tried = np.zeros(2), np.zeros((0, 3)), frames.copy()
     at_rest = False  # whether the target is one that no longer changes
     groups, corner, varied_at_rest = derivatives.shape[1], last_corner(variations.imposed), False

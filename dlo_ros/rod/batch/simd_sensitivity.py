@@ -14,17 +14,13 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch import (
-    common_matrix,
-    planar_sensitivity,
-    spatial_kernels,
-    spatial_sensitivity,
-)
-from dlo_ros.rod.batch.simd_kernels import BatchLaw, Frame, assemble
+from dlo_ros.rod.batch import planar_sensitivity, spatial_sensitivity
 from dlo_ros.rod.batch.simd_step import BatchState, Sets, add_inertia_and_drag
-from dlo_ros.rod.batch.simd_tables import Tables
 from dlo_ros.rod.batch.stress_sensitivity import strains_ago, strains_beyond
 from dlo_ros.rod.boundary.conditions import Imposed, impose
+from dlo_ros.rod.lanes import common_matrix, spatial_kernels
+from dlo_ros.rod.lanes.simd_kernels import BatchLaw, Frame, assemble
+from dlo_ros.rod.lanes.simd_tables import Tables
 from dlo_ros.rod.simd.eight_lanes import (
     LANES,
     address,

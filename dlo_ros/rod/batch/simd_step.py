@@ -9,8 +9,8 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch import spatial_kernels, spatial_strains
-from dlo_ros.rod.batch.simd_kernels import (
+from dlo_ros.rod.lanes import spatial_kernels, spatial_strains
+from dlo_ros.rod.lanes.simd_kernels import (
     BatchLaw,
     Frame,
     Scratch,
@@ -18,15 +18,14 @@ from dlo_ros.rod.batch.simd_kernels import (
     strains,
     tensions,
 )  # fmt: skip
-from dlo_ros.rod.batch.simd_solver import residual, solve
-from dlo_ros.rod.batch.simd_tables import TARGET
+from dlo_ros.rod.lanes.simd_solver import residual, solve
+from dlo_ros.rod.lanes.simd_tables import TARGET
 from dlo_ros.rod.simd.eight_lanes import entry, largest, load, root, spread, store
 from dlo_ros.rod.solve.generalised_alpha import ALPHA_F, ALPHA_M, BETA, GAMMA, SMALLEST_STEP
+from dlo_ros.rod.solve.newton_in_lanes import AGEING, UNKNOWN_PACE
 from dlo_ros.spline import FloatArray
 
 MAX_NEWTON = 12
-UNKNOWN = (1.0, 0.0)  # pace of Newton's method
-AGEING = 0.8  # exponent by which a pace that was not measured anew loses its worth (Hairer, Wanner)
 TURN = 0.1  # of L: how far an error of theta of 1 rad counts in the convergence
 
 
@@ -218,7 +217,7 @@ def try_step(sets, tables, motion, room, h, weights, limit, newton, pace):
     )
     # A negative pivot: the step has left the branch that a smaller one would follow.
     if not converged or (not pivot > 0.0 and h > 10.0 * SMALLEST_STEP):
-        return False, np.inf, UNKNOWN
+        return False, np.inf, UNKNOWN_PACE
     total = spread(0.0)
     rate = 1.0 / (BETA * h * h)
     for i in range(dof * n):

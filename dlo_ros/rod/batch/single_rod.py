@@ -16,12 +16,12 @@ from numba.experimental import structref
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.batch.simd_integration import march_group, room_addresses
-from dlo_ros.rod.batch.simd_kernels import tensions
 from dlo_ros.rod.batch.simd_sensitivity import sets_at, state_at
-from dlo_ros.rod.batch.simd_tables import addresses
 from dlo_ros.rod.boundary.conditions import THETA
 from dlo_ros.rod.elements.planar_assembly import tangents
 from dlo_ros.rod.elements.rod_tables import Reference
+from dlo_ros.rod.lanes.simd_kernels import tensions
+from dlo_ros.rod.lanes.simd_tables import addresses
 from dlo_ros.rod.simd.eight_lanes import LANES, entry, put_entry, row_address, spread, store
 from dlo_ros.rod.simd.row_operations import copy_numbers
 from dlo_ros.rod.solve.generalised_alpha import DONE

@@ -12,13 +12,13 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch.simd_kernels import gathered_law, span_stretch
-from dlo_ros.rod.batch.simd_tables import local_tables
-from dlo_ros.rod.batch.span_lanes import gather, scatter_numbers
-from dlo_ros.rod.batch.spatial_strains import gathered_rod, get, line, put, slopes
 from dlo_ros.rod.batch.stress_sensitivity import stress
 from dlo_ros.rod.elements.strain_derivatives import first_at
 from dlo_ros.rod.elements.strains import MIDDLE, carried, turned
+from dlo_ros.rod.lanes.simd_kernels import gathered_law, span_stretch
+from dlo_ros.rod.lanes.simd_tables import local_tables
+from dlo_ros.rod.lanes.span_lanes import gather, scatter_numbers
+from dlo_ros.rod.lanes.spatial_strains import gathered_rod, get, line, put, slopes
 from dlo_ros.rod.simd.eight_lanes import entry, load, row_address, store
 from dlo_ros.rod.simd.vector_algebra import (
     FLAGS,

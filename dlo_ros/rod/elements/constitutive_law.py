@@ -39,9 +39,13 @@ def room(points):
 
 
 @njit(inline="always")
-def plastic_curvature(x1, x2, p1, p2, law, e):
-    """The plastic curvature that a curvature (x1, x2) leaves at point e where (p1, p2) was."""
-    h, most = 1.0 + law.hardening, law.yield_curvature[e]
+def plastic_curvature(x1, x2, p1, p2, most, hardening):
+    """The plastic curvature that a curvature (x1, x2) leaves where (p1, p2) was.
+
+    Args:
+        most, hardening: yield curvature there, and hardening, see `ConstitutiveLaw`.
+    """
+    h = 1.0 + hardening
     d1, d2 = x1 - h * p1, x2 - h * p2
     size = np.sqrt(d1 * d1 + d2 * d2)
     if size > most:
@@ -52,20 +56,21 @@ def plastic_curvature(x1, x2, p1, p2, law, e):
 
 
 @njit(from_python=False)
-def bending_moment(stiff1, stiff2, x1, x2, p1, p2, law, e):
+def bending_moment(stiff1, stiff2, x1, x2, p1, p2, half, most, hardening):
     """Moment of a curvature beyond linear elasticity.
+
+    It is called for each point: to hand over a tuple of arrays would take longer than the rest.
 
     Args:
         stiff1, stiff2: bending stiffness about both directors [N m^2].
         x1, x2: curvature against the rest curvature [1/m].
         p1, p2: plastic curvature before [1/m].
-        law, e: see `ConstitutiveLaw`, and the quadrature point.
+        half, most, hardening: half and yield curvature there, and hardening, see `ConstitutiveLaw`.
 
     Returns:
         Moments about both directors [N m], their tangent (11, 12, 22) [N m^2], energy [J/m].
     """
-    q1, q2 = plastic_curvature(x1, x2, p1, p2, law, e)
-    half, most = law.half_curvature[e], law.yield_curvature[e]
+    q1, q2 = plastic_curvature(x1, x2, p1, p2, most, hardening)
     e1, e2 = x1 - q1, x2 - q2
     root1, root2, mean = np.sqrt(stiff1), np.sqrt(stiff2), 0.5 * (stiff1 + stiff2)
     y1, y2 = root1 * e1, root2 * e2
@@ -79,7 +84,7 @@ def bending_moment(stiff1, stiff2, x1, x2, p1, p2, law, e):
     t11 = stiff1 * (secant + along * y1 * y1)
     t12 = root1 * root2 * along * y1 * y2
     t22 = stiff2 * (secant + along * y2 * y2)
-    h = 1.0 + law.hardening
+    h = 1.0 + hardening
     d1, d2 = x1 - h * p1, x2 - h * p2
     size = np.sqrt(d1 * d1 + d2 * d2)
     if size > most:
@@ -91,8 +96,7 @@ def bending_moment(stiff1, stiff2, x1, x2, p1, p2, law, e):
             1.0 - across - along * n2 * n2
         )  # fmt: skip
         energy += mean * (
-            0.5 * law.hardening * (q1 * q1 + q2 * q2)
-            + most * np.sqrt((q1 - p1) ** 2 + (q2 - p2) ** 2)
+            0.5 * hardening * (q1 * q1 + q2 * q2) + most * np.sqrt((q1 - p1) ** 2 + (q2 - p2) ** 2)
         )
         a12, a21 = t11 * j12 + t12 * j22, t12 * j11 + t22 * j12
         t11, t22 = t11 * j11 + t12 * j12, t12 * j12 + t22 * j22
@@ -187,15 +191,17 @@ def _add_hysteresis(other, weight, material, out):
 @linked()
 def _add_nonlinear_bending(other, weight, material, out):
     """Replace the linear elastic part of the moments by what the law makes of it."""
-    plastic, energy, held = material.internal.plastic, 0.0, 1.0 - material.law.relaxing
+    plastic, energy, law = material.internal.plastic, 0.0, material.law
+    held = 1.0 - law.relaxing
     for e in range(weight.size):
         b1 = material.stiffness.bend[e, 0] / material.damping
         b2 = material.stiffness.bend[e, 1] / material.damping
         x1 = other[e, 0] - material.bend_rest[e, 0]
         x2 = other[e, 1] - material.bend_rest[e, 1]
         m1, m2, t11, t12, t22, w = bending_moment(
-            b1, b2, x1, x2, plastic[e, 0], plastic[e, 1], material.law, e
-        )
+            b1, b2, x1, x2, plastic[e, 0], plastic[e, 1], law.half_curvature[e],
+            law.yield_curvature[e], law.hardening,
+        )  # fmt: skip
         out.bend[e, 0] += held * (m1 - b1 * x1)
         out.bend[e, 1] += held * (m2 - b2 * x2)
         out.bend_tangent[e, 0] += held * (t11 - b1)
@@ -203,6 +209,30 @@ def _add_nonlinear_bending(other, weight, material, out):
         out.bend_tangent[e, 2] += held * (t22 - b2)
         energy += held * weight[e] * (w - 0.5 * (b1 * x1 * x1 + b2 * x2 * x2))
     return energy
+
+
+@linked()
+def moments_in_plane(kappa, material, moment, tangent):
+    """Write bending moments [N m] and tangents [N m^2] of curvatures in the plane, all (nb,)."""
+    stiff, law, inner = material.stiffness, material.law, material.internal.inner
+    plastic, held = material.internal.plastic, 1.0 - law.relaxing
+    for e in range(kappa.size):
+        tangent[e] = stiff.bend[e, 0]
+        moment[e] = tangent[e] * (kappa[e] - stiff.bend_rest[e, 0])
+        if law.active != 0.0:
+            b, x = stiff.bend[e, 0] / material.damping, kappa[e] - material.bend_rest[e, 0]
+            m, _, t, _, _, _ = bending_moment(
+                b, b, x, 0.0, plastic[e, 0], 0.0, law.half_curvature[e], law.yield_curvature[e],
+                law.hardening,
+            )  # fmt: skip
+            moment[e] += held * (m - b * x)
+            tangent[e] += held * (t - b)
+        if law.slide != 0.0:
+            z, _, t, _, _, _ = hysteresis_moment(
+                kappa[e] - inner[e, 4], 0.0, inner[e, 2], 0.0, law.turn[e]
+            )
+            moment[e] += law.slide * z
+            tangent[e] += law.slide * t
 
 
 @linked()
@@ -219,9 +249,12 @@ def update_internal(other, material, out):
             out.inner[e, c] = material.keep * inner[e, c] + material.gain * change
             out.inner[e, 4 + c] = other[e, c]
         out.inner[e, 2], out.inner[e, 3] = z1, z2
-    if material.law.active != 0.0:
+    law = material.law
+    if law.active != 0.0:
         for e in range(other.shape[0]):
             x1 = other[e, 0] - material.bend_rest[e, 0]
             x2 = other[e, 1] - material.bend_rest[e, 1]
-            p1, p2 = plastic_curvature(x1, x2, plastic[e, 0], plastic[e, 1], material.law, e)
+            p1, p2 = plastic_curvature(
+                x1, x2, plastic[e, 0], plastic[e, 1], law.yield_curvature[e], law.hardening
+            )
             out.plastic[e, 0], out.plastic[e, 1] = p1, p2

@@ -60,7 +60,7 @@ def _plastic(x1, x2, p1, p2, law, e, out):
 @njit(inline="always")
 def _moment(stiff1, stiff2, x1, x2, p1, p2, law, e, plastic, out):
     """Write the derivatives of `constitutive_law.bending_moment` and itself, (2, 10)."""
-    q1, q2 = plastic_curvature(x1, x2, p1, p2, law, e)
+    q1, q2 = plastic_curvature(x1, x2, p1, p2, law.yield_curvature[e], law.hardening)
     half = law.half_curvature[e]
     e1, e2 = x1 - q1, x2 - q2
     mean = 0.5 * (stiff1 + stiff2)

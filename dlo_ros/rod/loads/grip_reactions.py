@@ -190,7 +190,7 @@ class Balance:
         self._slope, self._curvature = (basis.matrix(self._places, d) for d in (1, 2))
         # Where a grip gives, the DLO turns beside it, and is not bent so.
         hinged = np.broadcast_to(model.body.hinged, len(model.points)).reshape(basis.spans, -1)
-        self._bent = ~hinged.any(axis=1)[basis.span_of(self._places)]
+        self._bent = ~np.asarray(hinged.any(axis=1))[basis.span_of(self._places)]
         knots = basis.breaks
         self._between = np.array(
             [np.interp(self._places, knots, row) for row in np.eye(len(knots))]

@@ -25,17 +25,18 @@ class PreparedRod(structref.StructRefProxy):  # type: ignore[misc]
 structref.define_proxy(
     PreparedRod,
     _PreparedRodType,
-    ["system", "imposed", "step", "moves", "rates", "kind", "fixed", "pins"],
+    ["system", "imposed", "step", "moves", "rates", "kind", "fixed", "pins", "lanes"],
 )
 
 
 @njit()
-def prepare(system, imposed, step, moves, rates, kind, fixed, pins):
+def prepare(system, imposed, step, moves, rates, kind, fixed, pins, lanes):
     """The object.
 
     Args:
         system, imposed: the rod and its command, with two variants for each parameter.
         step, moves, rates, kind: fields of the parameters, see `SensitivityState`.
         fixed, pins: as in `System`, in space also where the rod is a planar one.
+        lanes: the rod in lanes, see `PlanarLanes`.
     """
-    return PreparedRod(system, imposed, step, moves, rates, kind, fixed, pins)
+    return PreparedRod(system, imposed, step, moves, rates, kind, fixed, pins, lanes)

@@ -13,17 +13,19 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.boundary.conditions import impose
 from dlo_ros.rod.elements import constitutive_law, contact_and_friction, rod_forces
+from dlo_ros.rod.elements.planar_assembly import PLANAR
 from dlo_ros.rod.sensitivity.law_sensitivity import add_law_stresses
 from dlo_ros.rod.sensitivity.sensitivity_state import (
     LINEAR,
     add,
     grown_rates,
-    shift,
     shift_state,
     with_rates,
 )
 from dlo_ros.rod.sensitivity.surroundings_sensitivity import add_surroundings_forces
+from dlo_ros.rod.solve.constraints import pin_gap
 from dlo_ros.rod.solve.equation_system import (
     ITSELF,
     add_inertia_and_drag,
@@ -31,6 +33,7 @@ from dlo_ros.rod.solve.equation_system import (
     growth,
     residual,
     targets,
+    variant,
 )
 from dlo_ros.rod.solve.generalised_alpha import (
     damped,
@@ -77,18 +80,19 @@ def _stresses(system, old, new, slip, varying):
     ago_s, earlier_s = varying.stretch, varying.stretch_before
     ago_o, earlier_o = varying.other, varying.other_before
     count, nb = ago_s.shape
+    flat = new.q.shape[1] == PLANAR  # then there is one curvature only, and no twist
     rate_s, strain_s, rate_o, strain_o = (
         np.empty(nb), np.empty(nb), np.empty((nb, 3)), np.empty((nb, 3)),
     )  # fmt: skip
     for e in range(nb):
         rate_s[e] = c0 * new.stretch[e] + c1 * old.stretch[e] + c2 * old.stretch_before[e] - slip
         strain_s[e] = new.stretch[e] - base.stretch_rest[0, e] + t_r * rate_s[e]
-        for c in range(3):
+        for c in range(1 if flat else 3):
             rest = base.bend_rest[0, e, c] if c < 2 else base.twist_rest[0, e]
             rate_o[e, c] = c0 * new.other[e, c] + c1 * old.other[e, c] + c2 * old.other_before[e, c]
             strain_o[e, c] = new.other[e, c] - rest + t_r * rate_o[e, c]
-    coupled = _any(bend[:, 2]) or _any(d_bend[:, :, 2])
-    stress_s, stress_o = np.empty((count, nb)), np.empty((count, nb, 3))
+    coupled = not flat and (_any(bend[:, 2]) or _any(d_bend[:, :, 2]))
+    stress_s, stress_o = np.empty((count, nb)), np.zeros((count, nb, 3))
     past, faster = t_r * c1, t_r * c2
     for a in range(count):
         slower = d_t[a]
@@ -97,15 +101,17 @@ def _stresses(system, old, new, slip, varying):
                 slower * rate_s[e] + past * ago_s[a, e] + faster * earlier_s[a, e]
                 - d_stretch_rest[a, e]
             )  # fmt: skip
-            x1, x2, x3 = (
-                slower * rate_o[e, 0] + past * ago_o[a, e, 0] + faster * earlier_o[a, e, 0]
-                - d_bend_rest[a, e, 0],
+            x1 = slower * rate_o[e, 0] + past * ago_o[a, e, 0] + faster * earlier_o[a, e, 0]
+            x1 -= d_bend_rest[a, e, 0]
+            stress_o[a, e, 0] = d_bend[a, e, 0] * strain_o[e, 0] + bend[e, 0] * x1
+            if flat:
+                continue
+            x2, x3 = (
                 slower * rate_o[e, 1] + past * ago_o[a, e, 1] + faster * earlier_o[a, e, 1]
                 - d_bend_rest[a, e, 1],
                 slower * rate_o[e, 2] + past * ago_o[a, e, 2] + faster * earlier_o[a, e, 2]
                 - d_twist_rest[a, e],
             )  # fmt: skip
-            stress_o[a, e, 0] = d_bend[a, e, 0] * strain_o[e, 0] + bend[e, 0] * x1
             stress_o[a, e, 1] = d_bend[a, e, 1] * strain_o[e, 1] + bend[e, 1] * x2
             stress_o[a, e, 2] = d_twist[a, e] * strain_o[e, 2] + twist[e] * x3
             if coupled:  # each curvature by the moment about the other director
@@ -153,28 +159,33 @@ def _add_inertia(system, new, varying, rhs):
                 passing[i, c] = c_drag * q_star[a, i, c] - v_star[a, i, c]
                 out[i, c] += load[a, i, c]
         add_inertia_and_drag(own_mass, own_spin, own_drag, past, passing, 1.0, out)
-        if _any(mass[a]) or _any(spin[a]) or _any(drag[a]):
+        if rates.heavier[a] != 0.0:
             add_inertia_and_drag(mass[a], spin[a], drag[a], acceleration, velocity, -1.0, out)
 
 
 @linked()
 def _add_imposed(system, imposed, old, time, varying, increments, gaps):
     """Add the derivatives of what is imposed to increments (P, n d) and to gaps (P, m)."""
-    q, moves, lengths, changes, frames = (
-        old.q, varying.moves, varying.step, varying.q, varying.frames,
+    q, moves, lengths, changes, frames, reach = (
+        old.q, varying.moves, varying.step, varying.q, varying.frames, system.reach,
     )  # fmt: skip
-    before = q.copy()
+    count, dof = gaps.shape[1], q.shape[1]
+    target, theta = np.zeros(q.shape), np.zeros(2)
+    pinned = np.empty((count // (2 if dof == PLANAR else 3), 3))
     for a in range(moves.size):
         if moves[a] == 0.0:
             continue
         for side in range(2):
-            d = lengths[a] if side == 0 else -lengths[a]
-            shift(before, q, d, changes[a])
-            _, target, gap = targets(
-                system, 1 + 2 * a + side, imposed, time, before, frames[a, side]
-            )
+            k, d = 1 + 2 * a + side, lengths[a] if side == 0 else -lengths[a]
+            if dof != PLANAR:
+                theta[0] = q[0, 3] + d * changes[a, 0, 3]
+                theta[1] = q[-1, 3] + d * changes[a, -1, 3]
+            far = reach[k] * growth(imposed, k, time)
+            impose(variant(imposed, k), time, theta, far, frames[a, side], target, pinned)
             add(increments[a], 0.5 / d, target.ravel())
-            add(gaps[a], 0.5 / d, gap)
+            if count > 0:
+                gap = pin_gap(system.fixed, system.pins, system.pin_rows, target, pinned)
+                add(gaps[a], 0.5 / d, gap)
 
 
 @linked()

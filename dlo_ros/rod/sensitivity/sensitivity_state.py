@@ -33,6 +33,7 @@ class Rates(NamedTuple):
     friction: FloatArray  # (P,)
     brake: FloatArray  # (P,)
     bodies: FloatArray  # (P,) not 0 where the parameter changes what pegs or walls do
+    heavier: FloatArray  # (P,) not 0 where it changes mass or drag
 
 
 class SensitivityState(NamedTuple):
@@ -120,7 +121,17 @@ def grown_rates(system, varying, factor):
         s.twist / factor, factor * s.twist_rest,
     )  # fmt: skip
     return Rates(
-        stiffness, mass, spin, drag, load, r.relaxation_time, r.law, r.friction, r.brake, r.bodies
+        stiffness,
+        mass,
+        spin,
+        drag,
+        load,
+        r.relaxation_time,
+        r.law,
+        r.friction,
+        r.brake,
+        r.bodies,
+        r.heavier,
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.boundary.conditions import Imposed, impose
+from dlo_ros.rod.elements.planar_assembly import PLANAR
 from dlo_ros.rod.elements.rod_tables import (
     ConstitutiveLaw,
     Material,
@@ -217,6 +218,22 @@ def load_of(system, k, factor):
     return result
 
 
+@njit(from_python=False)
+def _add_in_plane(mass, drag, acceleration, velocity, factor, out):
+    """`add_inertia_and_drag` with x and z only."""
+    for i in range(out.shape[0]):
+        x, z = 0.0, 0.0
+        for j in range(max(0, i - 3), i + 1):
+            m, viscous = factor * mass[i, 3 - i + j], factor * drag[i, 3 - i + j]
+            x += m * acceleration[j, 0] + viscous * velocity[j, 0]
+            z += m * acceleration[j, 1] + viscous * velocity[j, 1]
+            if j < i:
+                out[j, 0] += m * acceleration[i, 0] + viscous * velocity[i, 0]
+                out[j, 1] += m * acceleration[i, 1] + viscous * velocity[i, 1]
+        out[i, 0] += x
+        out[i, 1] += z
+
+
 @linked()
 def add_inertia_and_drag(mass, spin, drag, acceleration, velocity, factor, out):
     """Add factor times (mass times acceleration plus drag times velocity) to out (n, d).
@@ -226,6 +243,9 @@ def add_inertia_and_drag(mass, spin, drag, acceleration, velocity, factor, out):
             drag.
     """
     dof = out.shape[1]
+    if dof == PLANAR:
+        _add_in_plane(mass, drag, acceleration, velocity, factor, out)
+        return
     for i in range(out.shape[0]):
         for j in range(max(0, i - 3), i + 1):
             m, viscous = factor * mass[i, 3 - i + j], factor * drag[i, 3 - i + j]

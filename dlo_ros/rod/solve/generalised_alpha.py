@@ -14,7 +14,7 @@ from dlo_ros.rod.elements import rod_forces
 from dlo_ros.rod.elements.constitutive_law import update_internal
 from dlo_ros.rod.elements.contact_and_friction import drag_along, drag_springs
 from dlo_ros.rod.elements.rod_tables import Material
-from dlo_ros.rod.solve import newton_iteration
+from dlo_ros.rod.solve import newton_in_lanes, newton_iteration
 from dlo_ros.rod.solve.constraints import back_substitute
 from dlo_ros.rod.solve.equation_system import (
     ITSELF,
@@ -146,13 +146,14 @@ def reached(q, q_star, v_star, lag, h):
 
 
 @linked()
-def step(system, imposed, state, h, tolerance, new):
+def step(system, imposed, state, h, tolerance, new, lanes, pace):
     """One step of length h.
 
     Args:
         system, imposed, state: the rod, its command, where it is.
         tolerance: see `newton_iteration.implicit_step`.
         new: output, the state after the step; nothing where it fails.
+        lanes, pace: see `newton_in_lanes.implicit_step`, which takes the step where it can.
 
     Returns:
         Status and the estimated error of the step [m].
@@ -177,10 +178,16 @@ def step(system, imposed, state, h, tolerance, new):
             rhs[i, c] = -rhs[i, c]
             q[i, c] = q_star[i, c] + h * h * BETA * state.auxiliary[i, c]
     inertia, spin = inertia_of(system, ITSELF, factor, c_mass, c_drag)
-    iterations, negative = newton_iteration.implicit_step(
-        q, target, system.fixed, system.pins, gap, system.rule, matter, state.reference,
-        inertia, spin, rhs, system.length, tolerance,
-    )  # fmt: skip
+    if lanes.usable:
+        iterations, negative = newton_in_lanes.implicit_step(
+            lanes, q, target, system.fixed, system.rule, matter, state.stretch,
+            matter.internal.anchor, inertia, rhs, system.length, tolerance, pace,
+        )  # fmt: skip
+    else:
+        iterations, negative = newton_iteration.implicit_step(
+            q, target, system.fixed, system.pins, gap, system.rule, matter, state.reference,
+            inertia, spin, rhs, system.length, tolerance,
+        )  # fmt: skip
     # A negative eigenvalue: the step has left the branch that a smaller one would follow.
     if iterations < 0 or (negative > 0 and h > 10.0 * SMALLEST_STEP):
         return NO_CONVERGENCE, np.inf

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
-from dlo_ros.rod.batch.span_lanes import BASIS, PRODUCT_ROWS, SpanLanes, span_lanes
 from dlo_ros.rod.elements.rod_tables import Quadrature
+from dlo_ros.rod.lanes.span_lanes import BASIS, PRODUCT_ROWS, SpanLanes, span_lanes
 from dlo_ros.rod.simd.eight_lanes import address, table_address
 from dlo_ros.spline import FloatArray
 

@@ -13,11 +13,6 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch import common_matrix
-from dlo_ros.rod.batch.simd_kernels import Scratch, counts, gathered_law
-from dlo_ros.rod.batch.simd_tables import PAIRS, local_tables
-from dlo_ros.rod.batch.span_lanes import gather, scatter
-from dlo_ros.rod.batch.spatial_strains import gathered_rod, get, line, put, slopes
 from dlo_ros.rod.elements.strain_derivatives import Stress, first_at, second
 from dlo_ros.rod.elements.strains import (
     MIDDLE,
@@ -26,6 +21,11 @@ from dlo_ros.rod.elements.strains import (
     curvatures,
     turned,
 )  # fmt: skip
+from dlo_ros.rod.lanes import common_matrix
+from dlo_ros.rod.lanes.simd_kernels import Scratch, counts, gathered_law
+from dlo_ros.rod.lanes.simd_tables import PAIRS, local_tables
+from dlo_ros.rod.lanes.span_lanes import gather, scatter
+from dlo_ros.rod.lanes.spatial_strains import gathered_rod, get, line, put, slopes
 from dlo_ros.rod.simd.eight_lanes import LANES, entry, load, row_address, somewhere, spread, store
 from dlo_ros.rod.simd.vector_algebra import FLAGS, INLINE, dot, mix, mix3, times
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch import common_matrix
-from dlo_ros.rod.batch.simd_kernels import COLUMN
-from dlo_ros.rod.batch.spatial_kernels import BLOCKS
+from dlo_ros.rod.lanes import common_matrix
+from dlo_ros.rod.lanes.simd_kernels import COLUMN
+from dlo_ros.rod.lanes.spatial_kernels import BLOCKS
 from dlo_ros.rod.simd.eight_lanes import (
     entry,
     largest,

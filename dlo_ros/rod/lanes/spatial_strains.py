@@ -7,10 +7,10 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch.simd_kernels import Frame, span_stretch
-from dlo_ros.rod.batch.simd_tables import local_tables
-from dlo_ros.rod.batch.span_lanes import gather, scatter
 from dlo_ros.rod.elements.strains import MIDDLE, OUTER, carried_twist, carry, curvatures, turned
+from dlo_ros.rod.lanes.simd_kernels import Frame, span_stretch
+from dlo_ros.rod.lanes.simd_tables import local_tables
+from dlo_ros.rod.lanes.span_lanes import gather, scatter
 from dlo_ros.rod.simd.eight_lanes import LANES, entry, load, row_address, store
 from dlo_ros.rod.simd.vector_algebra import FLAGS, INLINE, dot, mix, times
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.batch import common_matrix
-from dlo_ros.rod.batch.simd_tables import PAIRS, local_tables
-from dlo_ros.rod.batch.span_lanes import gather, scatter
 from dlo_ros.rod.elements.strains import MIDDLE, OUTER
+from dlo_ros.rod.lanes import common_matrix
+from dlo_ros.rod.lanes.simd_tables import PAIRS, local_tables
+from dlo_ros.rod.lanes.span_lanes import gather, scatter
 from dlo_ros.rod.simd.eight_lanes import (
     LANES,
     entry,
