@@ -12,6 +12,7 @@ from dlo_ros.diagnosis.explain.own_moments import (
     has_common_moments,
     nearest_moments,
     of_model,
+    refined_moments,
     with_own_moments,
 )
 from dlo_ros.diagnosis.findings.joint_numbers import effect_numbers
@@ -100,6 +101,20 @@ def test_without_the_effect_no_recording_has_it(slipping, at_one_moment):
     assert bare.settings.effects == settings.effects == {}
     assert not bare.settings.own
     assert all("clamp_slip" not in name for name in bare.names)
+
+
+def test_moments_far_from_the_true_ones_are_found_without_derivatives(slipping, at_one_moment):
+    recordings, _ = slipping
+    own = with_own_moments(at_one_moment[1], recordings)
+    found = refined_moments(own, recordings)
+    before, after = (simulate(m, recordings, ()).mean_err for m in (own, found))
+    assert after < 0.3 * before
+    for name, onset in ONSETS.items():
+        began, took = (value_of(found.settings, f"{n}@{name}") for n in (ONSET, DURATION))
+        assert began + 0.5 * took == pytest.approx(onset + 0.1, abs=0.03)
+    # Nothing else is changed.
+    same = [k for k, n in enumerate(own.names) if "@" not in n]
+    assert found.theta()[same] == pytest.approx(own.theta()[same], rel=0.0, abs=0.0)
 
 
 def test_a_moment_moves_its_own_recording_alone(slipping, at_one_moment):
