@@ -35,6 +35,8 @@ GAMMA = 0.5 + ALPHA_F - ALPHA_M
 BETA = 0.25 * (GAMMA + 0.5) ** 2
 SMALLEST_STEP = 1e-6  # [s]
 
+JUMP = 0.1  # of a knot span: a larger one folds the DLO before the first correction
+
 DONE, NO_CONVERGENCE, NO_DIRECTION = 0, 1, 2
 
 
@@ -170,20 +172,24 @@ def step(system, imposed, state, h, tolerance, new, lanes, pace):
     # Inertia and drag that the past causes, and the loads: the right-hand side.
     c_mass, c_drag = weights(h)
     factor = growth(imposed, ITSELF, time)
-    q, still = new.q, np.zeros(q_star.shape)
+    q, still, first = new.q, np.zeros(q_star.shape), np.empty(q_star.shape)
     velocity, acceleration, _ = reached(still, q_star, v_star, lag, h)
     rhs = residual(system, ITSELF, factor, velocity, acceleration)
     for i in range(q.shape[0]):
         for c in range(q.shape[1]):
             rhs[i, c] = -rhs[i, c]
-            q[i, c] = q_star[i, c] + h * h * BETA * state.auxiliary[i, c]
+            first[i, c] = q_star[i, c] + h * h * BETA * state.auxiliary[i, c]
     inertia, spin = inertia_of(system, ITSELF, factor, c_mass, c_drag)
-    if lanes.usable:
+    iterations, negative = -1, 0
+    if lanes.usable and not _jumps(system, first, target):
+        assign(q, first)
+        longer = factor / growth(imposed, ITSELF, state.clock[TIME])
         iterations, negative = newton_in_lanes.implicit_step(
-            lanes, q, target, system.fixed, system.rule, matter, state.stretch,
-            matter.internal.anchor, inertia, rhs, system.length, tolerance, pace,
+            lanes, q, target, system.fixed, system.rule, matter, state.stretch, longer, inertia,
+            rhs, system.length, tolerance, pace,
         )  # fmt: skip
-    else:
+    if iterations < 0:
+        assign(q, first)
         iterations, negative = newton_iteration.implicit_step(
             q, target, system.fixed, system.pins, gap, system.rule, matter, state.reference,
             inertia, spin, rhs, system.length, tolerance,
@@ -205,6 +211,18 @@ def step(system, imposed, state, h, tolerance, new, lanes, pace):
     frame_at(q, system.rule, state.reference, new.reference)
     update_internal_variables(q, other, system.rule, matter, new.internal)
     return DONE, error
+
+
+@njit(from_python=False)
+def _jumps(system, first, target):
+    """Whether what is imposed is far from where the DLO was expected: it must be led there."""
+    width, dof = system.length / (system.rule.weight.size // 3), first.shape[1]
+    jump = 0.0
+    for i in range(first.shape[0]):
+        for c in range(dof):
+            if system.fixed[dof * i + c]:
+                jump = max(jump, abs(target[i, c] - first[i, c]))
+    return jump > JUMP * width
 
 
 @linked()

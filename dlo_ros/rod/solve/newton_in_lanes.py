@@ -102,7 +102,7 @@ def lane_addresses(lanes):
 
 
 @linked()
-def implicit_step(lanes, q, target, fixed, rule, matter, stretch, anchor, inertia, rhs, length,
+def implicit_step(lanes, q, target, fixed, rule, matter, stretch, longer, inertia, rhs, length,
                   tolerance, pace):  # fmt: skip
     """Solve inertia q + elastic gradient(q) = rhs for one step in time.
 
@@ -111,7 +111,7 @@ def implicit_step(lanes, q, target, fixed, rule, matter, stretch, anchor, inerti
         q, target, fixed, rule, matter, inertia, rhs, length, tolerance: as in
             `newton_iteration.implicit_step`, with x and z of control points.
         stretch: strains before the step, (nb,), by which the first iteration judges tension.
-        anchor: see `InternalVariables`.
+        longer: free length after the step over that before, which is no strain.
         pace: by what the last correction of a former step was smaller than the one before, and
             that one over L, or `UNKNOWN_PACE`; becomes those of this step, (2,). They tell what a
             first correction leaves, as in implicit Runge-Kutta methods (Hairer and Wanner, Solving
@@ -123,14 +123,15 @@ def implicit_step(lanes, q, target, fixed, rule, matter, stretch, anchor, inerti
     """
     tables, law, scratch = lanes.tables, lanes.law, lanes.scratch
     n, lo, hi = tables.n, tables.lo, tables.hi
-    _begin(lanes, q, target, fixed, rule, matter, stretch, inertia, rhs)
+    _begin(lanes, q, target, fixed, rule, matter, stretch, longer, inertia, rhs)
     linear = matter.law.active == 0.0 and matter.law.slide == 0.0
     touching = any_surroundings(matter.around)
     size, points = PLANE * n, 0 if linear else 3 * tables.spans
     kappa, moment, tangent = np.empty(points), np.empty(points), np.empty(points)
     forces, stiff = np.empty(size if touching else 0), np.empty((size if touching else 0, COLUMN))
-    # What the DLO touches in this step it may not have touched before.
-    before, ratio = 0.0, 1.0 if touching else pace[0] ** AGEING
+    # What the DLO touches in this step it may not have touched before; and where it slips through a
+    # grip, the tension of its false stretch differs from step to step.
+    before, ratio = 0.0, 1.0 if touching or longer != 1.0 else pace[0] ** AGEING
     for iteration in range(1, MAX_NEWTON + 1):
         if not linear:
             _touch(lanes, rule, matter, kappa, moment, tangent)
@@ -138,7 +139,7 @@ def implicit_step(lanes, q, target, fixed, rule, matter, stretch, anchor, inerti
         if touching:
             forces[:] = 0.0
             stiff[:, :] = 0.0
-            add_contact_and_friction(q, rule, matter.around, anchor, forces, stiff)
+            add_contact_and_friction(q, rule, matter.around, matter.internal.anchor, forces, stiff)
             _add(tables, scratch, forces, stiff)
         residual(lanes.q, lanes.matrix, lanes.rhs, scratch, tables)
         pivot = solve(scratch, tables)
@@ -170,7 +171,7 @@ def implicit_step(lanes, q, target, fixed, rule, matter, stretch, anchor, inerti
 
 
 @njit(from_python=False)
-def _begin(lanes, q, target, fixed, rule, matter, stretch, inertia, rhs):
+def _begin(lanes, q, target, fixed, rule, matter, stretch, longer, inertia, rhs):
     """Write what stays the same in all iterations, and the tension of the first."""
     tables, law, material = lanes.tables, lanes.law, matter.stiffness
     for i in range(tables.n):
@@ -188,8 +189,8 @@ def _begin(lanes, q, target, fixed, rule, matter, stretch, inertia, rhs):
         store(law.stretch_rest, e, spread(material.stretch_rest[e]))
         store(law.bend, e, spread(weight * material.bend[e, 0]))
         store(law.bend_rest, e, spread(material.bend_rest[e, 0]))
-        tension = counts(line, 1.0 - line, e % 3) * stiff
-        store(lanes.tension, e, spread(tension * (stretch[e] - material.stretch_rest[e])))
+        stretched = longer * (1.0 + stretch[e]) - 1.0 - material.stretch_rest[e]
+        store(lanes.tension, e, spread(counts(line, 1.0 - line, e % 3) * stiff * stretched))
 
 
 @njit(from_python=False)
