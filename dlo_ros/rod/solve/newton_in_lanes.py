@@ -129,7 +129,7 @@ def implicit_step(lanes, q, target, fixed, rule, matter, stretch, longer, inerti
     size, points = PLANE * n, 0 if linear else 3 * tables.spans
     kappa, moment, tangent = np.empty(points), np.empty(points), np.empty(points)
     forces, stiff = np.empty(size if touching else 0), np.empty((size if touching else 0, COLUMN))
-    # What the DLO touches in this step it may not have touched before; and where it slips through a
+    # A DLO may touch a body in this step that was far away before; and where it slips through a
     # grip, the tension of its false stretch differs from step to step.
     before, ratio = 0.0, 1.0 if touching or longer != 1.0 else pace[0] ** AGEING
     for iteration in range(1, MAX_NEWTON + 1):
