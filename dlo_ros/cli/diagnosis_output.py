@@ -261,5 +261,5 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
 def _meaning(name: str) -> str:
     """The first sentence of the effect's own description; its law stands in the documentation."""
     known = effects().get(name)
-    paragraphs = (inspect.getdoc(known) or "").split("\n\n") if known else [""]
-    return " ".join(paragraphs[0].replace("`", "").split())
+    first = ((inspect.getdoc(known) or "") if known else "").partition("\n\n")[0]
+    return " ".join(first.replace("`", "").split())

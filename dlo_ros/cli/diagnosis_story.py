@@ -346,8 +346,8 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
         if found.material_err is not None and after > found.material_err:
             digits = 2 if mm(after) != mm(found.material_err) else 4
             matters = f"the {mm(found.material_err, digits)} that do not matter"
-            what = "That" if digits == 2 else f"That is {mm(after, digits)}, which"
-            sentences.append(f"{what} is still more than {matters}.")
+            left = "That" if digits == 2 else f"That is {mm(after, digits)}, which"
+            sentences.append(f"{left} is still more than {matters}.")
             if found.verdict != "unexplained":
                 sentences.append("Fitted to these data as well, the model leaves less than that.")
     what = "all of that" if found.effects else "the set-up as fitted"
@@ -362,11 +362,11 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
     sentences.append(f"{load}: it holds {what}, and E/mu = {known}.")
     own = [e.name for e in found.effects if any(n.own for n in e.parameters.values())]
     if own:
-        what = enumerated([title(name) for name in own])
+        events = enumerated([title(name) for name in own])
         keys = enumerated([f"effects.{name}" for name in own])
         sentences.append(
-            f"What differs between recordings ({what}) happened once in each of them, and the file "
-            f"holds the mean. Take {keys} out of it for motions in which nothing of the kind "
+            f"What differs between recordings ({events}) happened once in each of them, and the "
+            f"file holds the mean. Take {keys} out of it for motions in which nothing of the kind "
             "happens."
         )
     return tuple(sentences)

@@ -17,7 +17,7 @@ discrepancy thus widens the posterior (Kennedy and O'Hagan, Bayesian calibration
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
@@ -56,13 +56,6 @@ ITERATIONS = 40
 """Steps of a search for variances at most."""
 LEAST_START = 0.01
 """Share of what the residuals suggest that a variance is at the beginning of a search at least."""
-PLACE = {
-    name: k
-    for k, name in enumerate(
-        ("white", "nodal", "fading", "lasting", "rough", "shared", "shared_rough", "swinging")
-    )
-}
-"""Numbers of the components, as `Variances` names them."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +101,10 @@ class Variances:
             self.nodal, self.fading, self.lasting, self.rough, self.shared, self.shared_rough,
             self.swinging,
         )  # fmt: skip
+
+
+PLACE = {field.name: k for k, field in enumerate(fields(Variances))}
+"""Number of each component among the rows of `_components`."""
 
 
 def _components(bins: Spectrum, memory: float, noise_memory: FloatArray) -> FloatArray:
