@@ -50,7 +50,7 @@ INSIDE = {
         ("sensitivity",),
         ("adaptive_integration", "state"),
         ("planar_model", "motion_validation"),
-        ("packing",),
+        ("packing", "held_tables"),
         ("sensitivity_parameters",),
         ("compiled_rod",),
         ("integration", "measured_shapes", "statics"),

@@ -19,12 +19,11 @@ from dlo_ros.effects.base import ROD
 from dlo_ros.rod.boundary import conditions
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.discretisation import Discretisation
-from dlo_ros.rod.elements.rod_tables import DOF, ConstitutiveLaw, Stiffness, Surroundings
-from dlo_ros.rod.lanes.simd_tables import Tables
+from dlo_ros.rod.elements.rod_tables import ConstitutiveLaw, Stiffness, Surroundings
+from dlo_ros.rod.held_tables import held_tables
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import imposed_of, parts_of, stacked, stacked_imposed, true_command
 from dlo_ros.rod.parameter_names import acts_on, acts_on_measurement
-from dlo_ros.rod.planar_model import IN_PLANE
 from dlo_ros.rod.sensitivity.prepared_rod import PreparedRod, prepare
 from dlo_ros.rod.sensitivity.sensitivity_state import (
     INELASTIC,
@@ -35,12 +34,10 @@ from dlo_ros.rod.sensitivity.sensitivity_state import (
 )
 from dlo_ros.rod.sensitivity_parameters import POSES, changed, displaced, variation_of
 from dlo_ros.rod.solve.equation_system import System
-from dlo_ros.rod.solve.newton_in_lanes import PlanarLanes, planar_lanes, planar_tables
+from dlo_ros.rod.solve.newton_in_lanes import PlanarLanes, planar_lanes
 from dlo_ros.rod_settings import EFFECTS_PREFIX, RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
-KEPT_TABLES = 32
-"""Tables that are kept: those of some recordings, each with several numbers of spans."""
 KEPT = 8
 """Compiled rods of one model, and rods whose variants are kept."""
 PAIRS_KEPT = 256
@@ -85,7 +82,7 @@ class Compiled:
     def _planar_lanes(self) -> PlanarLanes:
         """The rod in lanes; nothing where it leaves the plane, or has pins."""
         flat = len(self.system.fixed) < len(self.boundary.fixed)
-        tables = _planar_tables(self.discretisation, self.boundary)
+        tables = held_tables(self.discretisation, self.boundary, flat=True, alone=True)
         return planar_lanes(tables, usable=flat and not len(self.boundary.pins))
 
     def mark(self, varying: SensitivityState) -> SensitivityState:
@@ -171,12 +168,6 @@ def _compiled(
         rods.system, stacked_imposed(commands), rods.step, np.array(moves, dtype=np.float64),
         rods.rates, rods.kind, boundary, model.discretisation,
     )  # fmt: skip
-
-
-@lru_cache(maxsize=KEPT_TABLES)
-def _planar_tables(of: Discretisation, boundary: Boundary) -> Tables:
-    """The tables that rods with a discretisation have in common where they are held alike."""
-    return planar_tables(of.rule, boundary.fixed.reshape(-1, DOF)[:, IN_PLANE])
 
 
 @lru_cache(maxsize=KEPT)

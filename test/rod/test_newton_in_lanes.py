@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from dlo_ros.parameters import DampingParameters
 from dlo_ros.rod import compiled_rod, integration
+from dlo_ros.rod.lanes.simd_tables import TARGET, tables_of
 from dlo_ros.rod.packing import insensitive
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.solve.newton_in_lanes import planar_lanes
@@ -64,7 +65,5 @@ def test_a_motion_is_that_of_the_other_solver(effect, monkeypatch):
 
 
 def test_a_rod_whose_ends_hold_all_of_it_has_nothing_to_solve():
-    tables = compiled_rod.planar_tables(
-        build(PAPER, SWUNG, 1)[0].rule, np.ones((4, 2), dtype=np.bool_)
-    )
+    tables = tables_of(build(PAPER, SWUNG, 1)[0].rule, np.full((4, 2), TARGET), alone=True)
     assert not planar_lanes(tables, usable=True).usable

@@ -4,16 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 
 from dlo_ros.rod.batch.simd_step import BatchState, Room, Sets
-from dlo_ros.rod.boundary.conditions import END_CLAMP, START_CLAMP
 from dlo_ros.rod.boundary.imposed_motion import Boundary
-from dlo_ros.rod.discretisation import Discretisation
 from dlo_ros.rod.elements.rod_tables import DOF, Stiffness
+from dlo_ros.rod.held_tables import held_tables
 from dlo_ros.rod.lanes import spatial_kernels
 from dlo_ros.rod.lanes.simd_kernels import (
     COLUMN,
@@ -21,16 +19,12 @@ from dlo_ros.rod.lanes.simd_kernels import (
     Frame,
     Scratch,
 )  # fmt: skip
-from dlo_ros.rod.lanes.simd_tables import KEPT, TARGET, Tables, tables_of
 from dlo_ros.rod.lanes.span_lanes import with_room
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.planar_model import IN_PLANE, reduce
 from dlo_ros.rod.simd.eight_lanes import LANES, rows
 from dlo_ros.rod.state import State
 from dlo_ros.spline import FloatArray
-
-KEPT_TABLES = 32
-"""Tables that are kept: those of some recordings, each with several numbers of spans."""
 
 
 class Layout:
@@ -52,7 +46,7 @@ class Layout:
         first, points = models[0], len(models[0].rule.weight)
         n, d = first.basis.control_points, 2 if flat else DOF
         self.dof = d
-        tables = _tables(first.discretisation, boundary, flat, len(models) == 1)
+        tables = held_tables(first.discretisation, boundary, flat=flat, alone=len(models) == 1)
         self.tables = tables._replace(together=with_room(tables.together, d))
         self.order = np.minimum(np.arange(-(-len(models) // LANES) * LANES), len(models) - 1)
         self.order = self.order.reshape(-1, LANES)
@@ -115,13 +109,6 @@ class Layout:
         return BatchState._make([*parts[:8], Frame(*parts[8:12]), parts[12]])
 
 
-@lru_cache(maxsize=KEPT_TABLES)
-def _tables(of: Discretisation, boundary: Boundary, flat: bool, alone: bool) -> Tables:
-    """The tables that rods with a discretisation have in common where they are held alike."""
-    fixed = _fixed(boundary, of.basis.control_points, flat=flat)
-    return tables_of(of.rule, fixed, alone=alone)
-
-
 def bending(stiffness: Stiffness, *, flat: bool) -> tuple[FloatArray, FloatArray]:
     """Bending stiffness and curvatures at rest that a rod has in lanes, (..., nb, 1 or 3).
 
@@ -135,13 +122,3 @@ def bending(stiffness: Stiffness, *, flat: bool) -> tuple[FloatArray, FloatArray
         np.concatenate([stiffness.bend[..., :2], stiffness.twist[..., None]], axis=-1),
         np.concatenate([stiffness.bend_rest, stiffness.twist_rest[..., None]], axis=-1),
     )
-
-
-def _fixed(boundary: Boundary, n: int, *, flat: bool) -> FloatArray:
-    """Held numbers of each control point, see `simd_tables.tables_of`."""
-    fixed = np.where(boundary.fixed.reshape(n, DOF), TARGET, 0.0)
-    # Without a clamp the twist angle of an end is held where it is.
-    for end, clamp in ((0, START_CLAMP), (-1, END_CLAMP)):
-        if fixed[end, 3] and clamp not in boundary.kinds:
-            fixed[end, 3] = KEPT
-    return reduce(fixed, flat)

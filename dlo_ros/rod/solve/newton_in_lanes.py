@@ -11,13 +11,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements.constitutive_law import moments_in_plane
 from dlo_ros.rod.elements.contact_and_friction import add_contact_and_friction, any_surroundings
-from dlo_ros.rod.elements.rod_tables import Quadrature
 from dlo_ros.rod.lanes.simd_kernels import (
     COLUMN,
     BatchLaw,
@@ -27,7 +25,7 @@ from dlo_ros.rod.lanes.simd_kernels import (
     strains,
 )  # fmt: skip
 from dlo_ros.rod.lanes.simd_solver import residual, solve
-from dlo_ros.rod.lanes.simd_tables import TARGET, Tables, addresses, tables_of
+from dlo_ros.rod.lanes.simd_tables import Tables, addresses
 from dlo_ros.rod.lanes.span_lanes import with_room
 from dlo_ros.rod.simd.eight_lanes import LANES, address, entry, load, put_entry, rows, spread, store
 from dlo_ros.rod.solve.newton_iteration import MAX_NEWTON, PATIENCE
@@ -57,21 +55,11 @@ class PlanarLanes(NamedTuple):
     tension: FloatArray  # (nb, LANES) times weights
 
 
-def planar_tables(rule: Quadrature, fixed: NDArray[np.bool_]) -> Tables:
-    """Tables of a planar rod.
-
-    Args:
-        rule: quadrature of the rod.
-        fixed: whether x and z of each control point are imposed, shape (n, 2).
-    """
-    return tables_of(rule, np.where(fixed, TARGET, 0.0), alone=True)
-
-
 def planar_lanes(tables: Tables, *, usable: bool) -> PlanarLanes:
     """A planar rod in lanes, with room of its own.
 
     Args:
-        tables: see `planar_tables`.
+        tables: those of the plane, of one rod that all lanes hold.
         usable: whether the rod stays in the plane, and has no pins.
     """
     held = tables.fixed.reshape(-1, PLANE)[tables.lo : tables.hi]
