@@ -158,7 +158,7 @@ class RodSettings:
         points, weight = basis.quadrature(3)
         nb = weight.size
         body = Body(
-            basis, points, weight, self.rod.bending_stiffness * np.tile(section[:2], (nb, 1)),
+            basis, points, weight, self.rod.bending_stiffness * np.full((nb, 2), section[:2]),
             np.zeros((nb, 2)), np.zeros(nb), self.rod.linear_density, self.damping.air_drag,
             self.damping.relaxation_time, np.array(self.gravity),
         )  # fmt: skip

@@ -23,6 +23,7 @@ SETTINGS = {
     # Where an iteration, a step or a sum ends, and rounding.
     "estimate.OPEN",
     "fisher_scoring.CONVERGED",
+    "fisher_scoring.NEARLY_LINEAR",
     "force_scale.CLOSE",
     "initial_fit.FALLS",
     "joint_fit.DAMPED",

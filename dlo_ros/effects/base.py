@@ -28,9 +28,10 @@ SHORTEST = 0.1  # of the configured length that effects may leave
 LOCAL = 0.2  # of the length: extent from which one is looked for
 Part = Literal["rod", "command", "measurement"]
 ROD: Part = "rod"
+COMMAND: Part = "command"
 MEASUREMENT: Part = "measurement"
 METHODS: Mapping[str, Part] = {
-    "shape_body": ROD, "impose": "command", "later": MEASUREMENT, "measured": MEASUREMENT,
+    "shape_body": ROD, "impose": COMMAND, "later": MEASUREMENT, "measured": MEASUREMENT,
     "true": MEASUREMENT,
 }  # fmt: skip
 """What an effect acts on that overrides a method."""

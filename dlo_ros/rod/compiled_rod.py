@@ -15,14 +15,21 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.command import Command
-from dlo_ros.effects.base import ROD
+from dlo_ros.effects.base import COMMAND, ROD
 from dlo_ros.rod.boundary import conditions
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.discretisation import Discretisation
 from dlo_ros.rod.elements.rod_tables import ConstitutiveLaw, Stiffness, Surroundings
 from dlo_ros.rod.held_tables import held_tables
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import imposed_of, parts_of, stacked, stacked_imposed, true_command
+from dlo_ros.rod.packing import (
+    held,
+    imposed_of,
+    parts_of,
+    stacked,
+    stacked_imposed,
+    true_command,
+)
 from dlo_ros.rod.parameter_names import acts_on, acts_on_measurement
 from dlo_ros.rod.sensitivity.prepared_rod import PreparedRod, prepare
 from dlo_ros.rod.sensitivity.sensitivity_state import (
@@ -109,19 +116,17 @@ class Rod:
 
 @dataclass(frozen=True)
 class RodVariants:
-    """A rod with the variants of P parameters.
+    """A rod that nothing holds, with the variants of P parameters.
 
     Args:
         models: the rods with each parameter above and below its value.
         slipping: whether each of them may slip otherwise than the rod itself.
-        reaching: whether the two of a parameter differ in how far they reach.
         system: numbers of the rod, then those of the variants.
         step, rates, kind: fields of the parameters, see `SensitivityState`.
     """
 
     models: tuple[tuple[RodModel, RodModel], ...]
     slipping: tuple[tuple[bool, bool], ...]
-    reaching: tuple[bool, ...]
     system: System
     step: FloatArray
     rates: Rates
@@ -153,45 +158,47 @@ def compiled(
 def _compiled(
     model: RodModel, boundary: Boundary, command: Command, names: Sequence[str], flat: bool
 ) -> Compiled:
-    rods = _variants(Rod.of(model), boundary, tuple(names), flat)
+    rods = _variants(Rod.of(model.clamped()), tuple(names), flat)
+    system = held(rods.system, model, boundary, flat=flat)
+    reaching = system.reach[1::2] != system.reach[2::2]
     true = true_command(model, command)
-    commands, moves = [imposed_of(model, boundary, true)], []
+    own = imposed_of(model, boundary, true)
+    commands, moves = [own], []
     for k, name in enumerate(names):
-        moved = rods.reaching[k]
-        for side, rod, slipping in zip(SIDES, rods.models[k], rods.slipping[k], strict=True):
-            there = true_command(rod, _asked(command, name, side * float(rods.step[k])))
-            same = there is true and not slipping
-            commands.append(commands[0] if same else imposed_of(rod, boundary, there))
-            moved |= not same and any(map(_differ, commands[-1], commands[0]))
-        moves.append(moved)
+        pair = [own, own]
+        if any(rods.slipping[k]) or _acts_on_command(name):
+            for j, (side, rod) in enumerate(zip(SIDES, rods.models[k], strict=True)):
+                there = true_command(rod, _asked(command, name, side * float(rods.step[k])))
+                slipping = rods.slipping[k][j]
+                if slipping or there is not true:
+                    pair[j] = imposed_of(rod if slipping else model, boundary, there)
+        commands += pair
+        moves.append(reaching[k] or any(_differs(x, own) for x in pair))
     return Compiled(
-        rods.system, stacked_imposed(commands), rods.step, np.array(moves, dtype=np.float64),
+        system, stacked_imposed(commands), rods.step, np.array(moves, dtype=np.float64),
         rods.rates, rods.kind, boundary, model.discretisation,
     )  # fmt: skip
 
 
 @lru_cache(maxsize=KEPT)
-def _variants(rod: Rod, boundary: Boundary, names: tuple[str, ...], flat: bool) -> RodVariants:
+def _variants(rod: Rod, names: tuple[str, ...], flat: bool) -> RodVariants:
     """The variants of a rod; `flat`: whether it runs in its planar form."""
     model = rod.model
-    first = parts_of(model, boundary, flat=flat)
-    systems, models, slipping, reaching = [first], [], [], []
+    first = parts_of(model, flat=flat)
+    systems, models, slipping = [first], [], []
     for name in names:
         pair = (model, model) if acts_on_measurement(name) else _varied(rod, name)
         # An effect on the command leaves the rod as it is, too.
         varied = pair[0] is not model and _acts_on_rod(name)
-        parts = [parts_of(m, boundary, flat=flat) if varied else first for m in pair]
-        systems += parts
+        systems += [parts_of(m, flat=flat) if varied else first for m in pair]
         models.append(pair)
         above, below = (varied and bool(m.body.slip or model.body.slip) for m in pair)
         slipping.append((above, below))
-        reaching.append(bool(parts[0].reach != parts[1].reach))
     system = stacked(systems)
     step = np.array([variation_of(model.settings, n).step for n in names], dtype=np.float64)
     return RodVariants(
-        tuple(models), tuple(slipping), tuple(reaching), system, step, _rates(system, step),
-        _kind(model),
-    )  # fmt: skip
+        tuple(models), tuple(slipping), system, step, _rates(system, step), _kind(model)
+    )
 
 
 @lru_cache(maxsize=PAIRS_KEPT)
@@ -208,6 +215,11 @@ def _varied(rod: Rod, name: str) -> tuple[RodModel, RodModel]:
 def _asked(command: Command, name: str, amount: float) -> Command:
     """The command with a parameter changed by an amount, where it is a pose of a clamp."""
     return displaced(command, name, amount) if name in POSES else command
+
+
+def _acts_on_command(name: str) -> bool:
+    """Whether a parameter may change what is truly imposed."""
+    return name in POSES or acts_on(name, COMMAND)
 
 
 def _acts_on_rod(name: str) -> bool:
@@ -272,8 +284,11 @@ def _changes(tables: Sequence[FloatArray], count: int) -> FloatArray:
     return np.array(np.any(flat[1::2] != flat[2::2], axis=1), dtype=np.float64)
 
 
-def _differ(a: Any, b: Any) -> bool:
-    return not np.array_equal(a, b, equal_nan=True)
+def _differs(imposed: conditions.Imposed, own: conditions.Imposed) -> bool:
+    """Whether something is imposed otherwise than on the rod itself."""
+    return imposed is not own and not all(
+        np.array_equal(a, b, equal_nan=True) for a, b in zip(imposed, own, strict=True)
+    )
 
 
 def both_sides(model: RodModel, command: Command, name: str) -> list[tuple[RodModel, Command]]:

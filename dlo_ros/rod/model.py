@@ -58,6 +58,12 @@ class RodModel:
         """The discretisation with other material, damping, gravity or effects."""
         return replace(self, settings=settings)
 
+    def clamped(self) -> RodModel:
+        """The rod with clamped ends, which differs from this one in its quadrature rule alone."""
+        if not (self.full_start or self.full_end):
+            return self
+        return replace(self, full_start=False, full_end=False)
+
     @cached_property
     def discretisation(self) -> Discretisation:
         """Tables of the basis, which rods of other material share."""

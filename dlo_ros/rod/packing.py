@@ -29,18 +29,35 @@ from dlo_ros.rod.solve.integrator_state import LAST, NEXT, IntegratorState
 from dlo_ros.rod.state import State, Strains
 from dlo_ros.spline import FloatArray
 
-IMPOSED_KEPT = 64
-"""True commands that are kept with a command: one for each variant that changes it."""
+IMPOSED_KEPT = 128
+"""Commands that are kept with a command: for each variant those that its effects lead through."""
 
 
-def parts_of(model: RodModel, boundary: Boundary, *, flat: bool) -> System:
-    """The rod's numbers as one variant, without the leading axis that compiled code expects."""
-    fixed, pins, rows = _held(boundary, flat)
+def parts_of(model: RodModel, *, flat: bool) -> System:
+    """The rod's numbers as one variant, without the leading axis that compiled code expects.
+
+    They are those of a rod that nothing holds, whose reach is that of a clamp of 1 m: see `held`.
+    """
     uniform = Uniform(model.line_mass, model.spin, model.drag, reduce(model.line_load, flat))
+    nowhere = np.zeros((0, 0))
     return System(
         model.rule, model.stiffness, model.law, model.surroundings, model.mass, model.spin,
         model.drag, reduce(model.load, flat), uniform, np.array(model.body.relaxation_time),
-        np.array(boundary.reach * model.body.lengthening), fixed, pins, rows, model.basis.length,
+        np.array(model.body.lengthening), np.zeros(0), nowhere, nowhere, model.basis.length,
+    )  # fmt: skip
+
+
+def held(numbers: System, model: RodModel, boundary: Boundary, *, flat: bool) -> System:
+    """The variants of a rod, held as a boundary says.
+
+    Args:
+        numbers: the variants of the rod that nothing holds.
+        model: the rod.
+    """
+    fixed, pins, rows = _held(boundary, flat)
+    return numbers._replace(
+        rule=model.rule, reach=boundary.reach * numbers.reach, fixed=fixed, pins=pins,
+        pin_rows=rows,
     )  # fmt: skip
 
 
@@ -81,8 +98,10 @@ def _stack(items: Any) -> Any:
     if isinstance(one, tuple):
         return type(one)(*(_stack(parts) for parts in zip(*items, strict=True)))
     result = np.empty((len(items), *np.shape(one)))
+    result[:] = one
     for k, item in enumerate(items):
-        result[k] = item
+        if item is not one:
+            result[k] = item
     return result
 
 
@@ -94,12 +113,13 @@ def true_command(model: RodModel, command: Command) -> Command:
     kept: dict[tuple[Effect, ...], Command] = command.__dict__.setdefault("_imposed", {})
     true = kept.get(imposing)
     if true is None:
-        true = command
-        for effect in imposing:
-            true = effect.impose(true)
         if len(kept) >= IMPOSED_KEPT:
             kept.clear()
-        kept[imposing] = true
+        true = command
+        for count, effect in enumerate(imposing, 1):  # variants have the first effects in common
+            before, true = true, kept.get(imposing[:count])
+            if true is None:
+                true = kept[imposing[:count]] = effect.impose(before)
     return true
 
 

@@ -115,11 +115,7 @@ def build_rod(
     u, tributary = rod.u / grown, rod.vertex_lengths
     softness = _over_vertices(u, lambda at: 1.0 / _stiffness_ratio(at, length, hidden))
     rod.bending_stiffness = rod.bending_stiffness / softness
-    gives = [hidden.number("clamp_compliance", name) for name in ("start", "end")]
-    for end, compliance in zip((0, -1), gives, strict=True):
-        # A hinge in series with the half edge of the clamp.
-        rod.bending_stiffness[end] /= 1.0 + rod.bending_stiffness[end] * compliance / tributary[end]
-    rod.hinged = (gives[0] > 0.0, gives[1] > 0.0)
+    give_at_grips(rod, hidden)
     rod.rest_curvature = _over_vertices(u, lambda at: _curvature(at, length, hidden))
     rod.kink = hidden.number("intrinsic_curvature", "kink") * _hat(
         u, hidden.number("intrinsic_curvature", "position")
@@ -143,6 +139,15 @@ def build_rod(
     rod.relaxing = hidden.number("viscoelasticity", "share")
     rod.lasting = hidden.number("viscoelasticity", "time", 1.0)
     return rod
+
+
+def give_at_grips(rod: DiscreteRod, hidden: HiddenEffects) -> None:
+    """Put a hinge beside each grip that gives, in series with the half edge that it clamps."""
+    gives = [hidden.number("clamp_compliance", name) for name in ("start", "end")]
+    for end, compliance in zip((0, -1), gives, strict=True):
+        softer = rod.bending_stiffness[end] * compliance / rod.vertex_lengths[end]
+        rod.bending_stiffness[end] /= 1.0 + softer
+    rod.hinged = (gives[0] > 0.0, gives[1] > 0.0)
 
 
 def change(

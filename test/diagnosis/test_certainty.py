@@ -18,7 +18,7 @@ from dlo_ros.diagnosis.explain.certainty import (
     has_other_stiffness,
     tolerances_off,
 )
-from dlo_ros.diagnosis.explain.joint_explanation import Explanation, still_certain
+from dlo_ros.diagnosis.explain.explanation import Explanation, still_certain
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.proposals.linear_evidence import freed, proposal_of, with_proposals
 from dlo_ros.effects import Start, starts

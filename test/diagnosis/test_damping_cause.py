@@ -60,13 +60,17 @@ def test_damping_far_off_the_file_is_a_cause():
 
 def test_a_damping_that_has_its_guess_again_is_left_out_once(monkeypatch):
     """It may be a cause as well; without its number there is nothing left to try."""
-    cause = SimpleNamespace(effect="internal_damping", label="internal_damping", start=None)
-    guess = SimpleNamespace(effect="internal_damping", label="internal_damping", start=None)
+    cause = SimpleNamespace(
+        effect="internal_damping", label="internal_damping", start=None, parameters=()
+    )
+    guess = SimpleNamespace(
+        effect="internal_damping", label="internal_damping", start=None, parameters=()
+    )
     softer = PAPER.with_material(2e6, PAPER.rod.density)
     at, bare = (
         SimpleNamespace(
             posterior=SimpleNamespace(evidence=evidence), mean_err=err, err=[np.full(9, err)],
-            model=SimpleNamespace(settings=settings),
+            model=ParametricModel(settings, material_priors(settings)),
         )
         for evidence, err, settings in ((100.0, 1e-3, PAPER), (60.0, 1.05e-3, softer))
     )  # fmt: skip
@@ -83,4 +87,5 @@ def test_a_damping_that_has_its_guess_again_is_left_out_once(monkeypatch):
     search = cause_search.Search(at, (cause,), (), None)
     found, _, shifts = cause_naming.without_needless(search, (), [], complete=False)
     assert tried == [(guess, True)] and not found.causes
-    assert shifts["internal_damping"] == pytest.approx(np.log(2e6 / PAPER.rod.young_modulus))
+    change = np.log(2e6 / PAPER.rod.young_modulus)
+    assert shifts["internal_damping"]["young_modulus"] == pytest.approx(change)

@@ -115,6 +115,26 @@ def test_errors_of_the_measurement_are_what_they_are_said_to_be():
     assert (held - shapes)[:, -1, 0].mean() == pytest.approx(1e-3, abs=1e-4)
 
 
+@pytest.mark.parametrize("law", ["stiffness_gradient", "stiff_segment"])
+def test_a_grip_gives_as_it_does_beside_any_rope(law):
+    """A rope that is softer at its start does not make the hinge there softer."""
+    laws = {
+        "stiffness_gradient": {"change": 1.0},
+        "stiff_segment": {"centre": 0.0, "extent": 0.1, "ratio": 0.5},
+    }
+    compliance, tree = 2.0, draw(203, 0).trees[0]
+
+    def first(effects):
+        parameters = tree["parameters"] | {"effects": effects}
+        rod = generate.built(read_experiment(tree | {"parameters": parameters}, "a", "a"), [])
+        return rod.vertex_lengths[0] / rod.bending_stiffness[0]  # rad / (N m)
+
+    of_law = {law: laws[law]}
+    gives = {"clamp_compliance": {"start": compliance}}
+    assert first(of_law) > 1.3 * first({})
+    assert first(of_law | gives) - first(of_law) == pytest.approx(compliance)
+
+
 def test_of_a_slip_is_compared_what_was_simulated():
     """It has a moment of its own in each recording, and is not over when that ends."""
     causes = {"point_mass": {"mass": 0.1}, "clamp_slip": {"length": 0.02, "onset": 1.0}}

@@ -11,6 +11,7 @@ from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.findings.joint_numbers import (
     at_guessed_scale,
+    effect_numbers,
     fitted_material,
     outer_stds,
     set_up_numbers,
@@ -51,6 +52,18 @@ def weighed(at, std):
         for p in at.model.parameters
     )
     return replace(at, model=replace(at.model, parameters=parameters))
+
+
+def test_a_number_is_known_no_better_than_what_may_act_beside_it(draughty):
+    prepared, given, _ = draughty
+    angle = "effects.clamp_angle.start"
+    before, doubt = (set_up_numbers(prepared.setup, (), given), {angle: 0.2, INNER: 9.0})
+    told = set_up_numbers(prepared.setup, (), given, doubt)
+    known = before.pop("clamp_angle.start").std
+    assert told.pop("clamp_angle.start").std == pytest.approx((known**2 + 0.2**2) ** 0.5)
+    assert told == before  # `doubt` says parameters, not what they are told as
+    number = effect_numbers("clamp_angle", prepared.setup, given, {angle: 2.0}, doubt)["start"]
+    assert number.std == pytest.approx(((2.0 * known) ** 2 + 0.2**2) ** 0.5, rel=0.05)
 
 
 def test_a_guessed_drag_is_told_with_its_std_and_has_no_tolerance(draughty):

@@ -11,7 +11,7 @@ from rods import PAPER
 
 from dlo_ros.diagnosis.explain import measurement_error
 from dlo_ros.diagnosis.explain.cause_naming import Cause
-from dlo_ros.diagnosis.explain.joint_explanation import Explanation
+from dlo_ros.diagnosis.explain.explanation import Explanation
 from dlo_ros.diagnosis.explain.measurement_error import _staying
 from dlo_ros.diagnosis.findings import joint_outcome
 from dlo_ros.diagnosis.findings.holdout import held_out_recording, refitted
@@ -242,12 +242,12 @@ def test_a_damping_that_keeps_its_guess_asks_for_a_swing():
     model = SimpleNamespace(names=("young_modulus", "density", "air_drag"))
     found = SimpleNamespace(
         causes=(), at=SimpleNamespace(model=model),
-        stiffness_shifts={"internal_damping": 0.1, "air_drag": 0.0, "creep": 0.3},
+        shifts={"internal_damping": {}, "air_drag": {}, "creep": {}},
     )  # fmt: skip
     asked = joint_outcome._advice("unexplained", found)
     assert "guesses (damping.relaxation_time)." in asked and asked.endswith(joint_outcome.REPEAT)
     assert joint_outcome._advice("explained", found) == joint_outcome.SETTLED
-    found.stiffness_shifts = {}
+    found.shifts = {}
     assert joint_outcome._advice("unexplained", found) == joint_outcome.REPEAT
 
 

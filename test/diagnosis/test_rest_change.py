@@ -62,7 +62,7 @@ def test_a_rope_that_moves_at_once_tells_nothing():
 
 
 def test_the_advice_tells_it_where_nothing_explains_all():
-    found = SimpleNamespace(causes=(), stiffness_shifts={}, at=None)
+    found = SimpleNamespace(causes=(), shifts={}, at=None)
     changed = RestChange(("before", "after"), 12.3e-3, 0.4e-3)
     said = joint_outcome._advice("unexplained", found, changed)
     assert said.startswith(

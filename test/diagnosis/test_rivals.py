@@ -4,11 +4,17 @@
 from types import SimpleNamespace
 
 import pytest
+from cause_fits import more_evidence
 from rods import PAPER
 
 from dlo_ros.diagnosis.explain import cause_naming
 from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of
 from dlo_ros.effects import Start
+
+
+@pytest.fixture(autouse=True)
+def evidence_decides(monkeypatch):
+    monkeypatch.setattr(cause_naming, "tells_apart", more_evidence)
 
 
 def evaluation(evidence, effects=None):
@@ -45,7 +51,7 @@ def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch,
     monkeypatch.setattr(cause_naming, "ranked_proposals", lambda *_: offers)
     monkeypatch.setattr(cause_naming, "fitted", fitted)
     monkeypatch.setattr(cause_naming, "fit", lambda *_: gaining(gains[1]))
-    tilt = SimpleNamespace(effect="gravity_tilt")
+    tilt = SimpleNamespace(effect="gravity_tilt", label="gravity_tilt")
     at, bare = evaluation(100.0), evaluation(60.0)
     found = cause_naming._rivals(at, bare, tilt, (), (), object(), complete=True)
     assert list(found) == rivals
@@ -61,10 +67,23 @@ def test_beside_a_missing_cause_a_plug_as_heavy_is_a_rival_of_a_mass(
     """Evidence tells two apart no better than four fifths there."""
     plug = evaluation(60.0 + gain, {"connector": {"mass": 0.01}})
     parameter = SimpleNamespace(effect="connector", name="effects.connector.mass")
-    proposal = SimpleNamespace(effect="connector", parameters=(parameter,))
+    proposal = SimpleNamespace(effect="connector", label="connector", parameters=(parameter,))
     monkeypatch.setattr(cause_naming, "in_its_place", lambda *_: [(plug, proposal)])
     monkeypatch.setattr(cause_naming, "ranked_proposals", lambda *_: [])
     at, bare = evaluation(100.0), evaluation(60.0)
-    mass = SimpleNamespace(effect="point_mass")
+    mass = SimpleNamespace(effect="point_mass", label="point_mass")
     found = cause_naming._rivals(at, bare, mass, (), (), object(), complete=complete)
     assert found == {name: (plug, {"mass": 0.01}) for name in rivals}
+
+
+@pytest.mark.parametrize(("complete", "rivals"), [(True, ["connector"]), (False, [])])
+def test_what_the_data_do_not_tell_apart_is_a_rival(monkeypatch, complete, rivals):
+    """Its log evidence is lower by 20 of 40, as chance alone may make it."""
+    monkeypatch.setattr(cause_naming, "tells_apart", lambda *_: False)
+    plug = evaluation(80.0, {"connector": {}})
+    proposal = SimpleNamespace(effect="connector", label="connector", parameters=())
+    monkeypatch.setattr(cause_naming, "in_its_place", lambda *_: [(plug, proposal)])
+    monkeypatch.setattr(cause_naming, "ranked_proposals", lambda *_: [])
+    mass = SimpleNamespace(effect="point_mass", label="point_mass")
+    words = evaluation(100.0), evaluation(60.0), mass, (), (), object()
+    assert list(cause_naming._rivals(*words, complete=complete)) == rivals

@@ -7,7 +7,7 @@ through its grip at some moment.
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from zlib import crc32
@@ -29,6 +29,7 @@ from dlo_ros.synthesis.hidden_rod import (
     build_rod,
     build_spatial_rod,
     change,
+    give_at_grips,
     stretched,
     true_length,
 )
@@ -187,13 +188,8 @@ def simulated(made: Experiment, slipping: Slip | None) -> Truth:
     grips = Grips(made)
     settings, hidden = made.truth, made.hidden
     plain = {k: v for k, v in hidden.effects.items() if k not in LAWS}
-    length = settings.rod.length
-    space = made.spatial
-    build, edges, step = (build_spatial_rod, *COARSE) if space else (build_rod, EDGES, STEP)
-    rod = build(settings, replace(hidden, effects=plain), edges=edges, pins=grips.nodes_at)
-    for name, law in LAWS.items():
-        if name in hidden.effects:
-            rod = law(rod, length, hidden.effects[name])
+    length, space = settings.rod.length, made.spatial
+    rod, step = built(made, grips.nodes_at), COARSE[1] if space else STEP
     grips.attach(rod)
     axes = 3 if space else 2
     changes = change(settings, replace(hidden, effects=plain), grips.travelled, axes)
@@ -212,6 +208,24 @@ def simulated(made: Experiment, slipping: Slip | None) -> Truth:
     simulation = motion(rod, held, laid, step=step, change=changes)
     simulation.settle()
     return simulate(simulation, made.stamps, length)
+
+
+def built(made: Experiment, pins: Sequence[float]) -> DiscreteRod:
+    """The rod, by laws that are not those of the effects.
+
+    Args:
+        pins: material coordinates u [m] where a node must lie.
+    """
+    settings, hidden = made.truth, made.hidden
+    later = {*LAWS, "clamp_compliance"}
+    plain = {k: v for k, v in hidden.effects.items() if k not in later}
+    build, edges = (build_spatial_rod, COARSE[0]) if made.spatial else (build_rod, EDGES)
+    rod = build(settings, replace(hidden, effects=plain), edges=edges, pins=pins)
+    for name, law in LAWS.items():
+        if name in hidden.effects:
+            rod = law(rod, settings.rod.length, hidden.effects[name])
+    give_at_grips(rod, hidden)  # a grip is as stiff as it is, whatever the rope beside it
+    return rod
 
 
 def _segment(rod: DiscreteRod, length: float, values: dict) -> DiscreteRod:

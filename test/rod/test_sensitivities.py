@@ -332,22 +332,26 @@ def test_only_effects_on_the_rod_itself_need_rods_of_their_own(monkeypatch):
     names = ("effects.clamp_offset.start[0]", "effects.camera_shift.x", "effects.point_mass.mass")
     built = watched(monkeypatch)
     found = compiled_rod.compiled(model, boundary, imposed, names, flat=True)
-    assert [rod is model for rod in built] == [True, False, False]
+    assert [rod.settings is model.settings for rod in built] == [True, False, False]
     assert found.moves.tolist() == [1.0, 0.0, 0.0]
     assert [bool(rate.any()) for rate in found.rates.mass] == [False, False, True]
 
 
 def test_recordings_share_the_rods_of_their_parameters(monkeypatch):
-    """They differ in their commands and time steps alone."""
+    """They differ in their commands, in what is held, and in their time steps alone."""
     names, built, found = ("young_modulus", "start.x"), watched(monkeypatch), []
-    for tolerance, height in ((1e-3, 0.0), (1e-4, 0.3)):
-        imposed = command(["start"], [0.0, 1.0], np.full((2, 1, 3), height))
+    for tolerance, height, end in ((1e-3, 0.0, "start"), (1e-4, 0.3, "start"), (1e-4, 0.3, "end")):
+        imposed = command([end], [0.0, 1.0], np.full((2, 1, 3), height))
         simulation = replace(PAPER.simulation, tolerance=tolerance)
         model, boundary = build(replace(PAPER, simulation=simulation), imposed, 7)
         found.append(compiled_rod.compiled(model, boundary, imposed, names, flat=True))
+        rule = found[-1].system.rule
+        assert [rule.stretch_linear[k] for k in (0, -1)] == [end != "start", end != "end"]
+        assert found[-1].system.fixed[0] == (end == "start")
+        assert found[-1].system.reach == pytest.approx(boundary.reach * np.ones(5))
     assert len(built) == 3
-    assert found[0].rates is found[1].rates
-    assert [f.imposed.positions[0, 0, 0, 2] for f in found] == [0.0, 0.3]
+    assert found[0].rates is found[1].rates is found[2].rates
+    assert [f.imposed.positions[0, 0, 0, 2] for f in found] == [0.0, 0.3, 0.3]
 
 
 def watched(monkeypatch):

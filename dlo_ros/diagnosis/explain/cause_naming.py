@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -34,6 +34,7 @@ from dlo_ros.effects.start import Block
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import approached, fit
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.model_comparison import tells_apart
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.plain_rod import taken_for_plain
 from dlo_ros.inference.thresholds import (
@@ -44,7 +45,6 @@ from dlo_ros.inference.thresholds import (
     NAMED,
     OWN,
     PROMISING,
-    SAME_GAIN,
     WORTH,
 )
 
@@ -53,6 +53,9 @@ LOG = logging.getLogger(__name__)
 RIVAL_FITS = 3
 Bares = dict[str, Evaluation | None]
 """Fits without single causes, by the causes' labels; None where nothing could be simulated."""
+Shifts = Mapping[str, Mapping[str, float]]
+"""Changes of a model's other numbers, as inference sees them, by their names: without an effect, or
+with a rival in a cause's place, by the name of that effect or rival."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +105,8 @@ def _loss_without(at: Evaluation, bare: Evaluation) -> float:
 
 
 def _needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[Start]) -> bool:
-    """Whether the best model without a cause is clearly worse, see `NAMED` and `FAR`.
+    """Whether the best model without a cause is worse for certain, see `tells_apart`, and clearly,
+    see `NAMED` and `FAR`.
 
     Of a cause that is no part of every set-up, but one of K effects that were tried, ln K more of
     the log evidence must be lost.
@@ -113,12 +117,13 @@ def _needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[S
     tried = len({s.effect for s in begun}) if group.start is not None else 1
     loss = _loss_without(at, bare)
     far = at.mean_err < FAR * bare.mean_err
-    return loss >= NAMED + float(np.log(tried)) or (far and loss > 0.0)
+    clearly = loss >= NAMED + float(np.log(tried))
+    return (clearly and tells_apart(at, bare)) or (far and loss > 0.0)
 
 
 def without_needless(
     found: Search, recordings: Sequence[Recording], begun: Sequence[Start], *, complete: bool
-) -> tuple[Search, Bares, dict[str, float]]:
+) -> tuple[Search, Bares, Shifts]:
     """The result without added effects that the data do not show for certain.
 
     Beside an effect that may or may not act, another one of which the data are certain would not be
@@ -137,10 +142,11 @@ def without_needless(
         complete: whether nothing is left unexplained.
 
     Returns:
-        The result, fits of it without single causes as far as they were made, and the change of
-        ln(E / mu) without each effect or damping that is left out.
+        The result, fits of it without single causes as far as they were made, and the shifts
+        without each effect or damping that is left out.
     """
-    at, causes, shifts = found.at, found.causes, {}
+    at, causes = found.at, found.causes
+    shifts: dict[str, Mapping[str, float]] = {}
     bares: Bares = {}
     groups = [c for c in reversed(found.causes) if c.start is not None or not complete]
     for group in groups if complete else [*_guessed_dampings(at), *groups]:
@@ -159,7 +165,7 @@ def without_needless(
                 bares[group.label] = bare
             continue
         LOG.info("left out: %s", group.label)
-        shifts[group.effect] = _log_ratio(bare) - _log_ratio(at)
+        shifts[group.effect] = _changes(at, bare, group)
         at, causes = bare, tuple(c for c in causes if c.label != group.label)
         bares = {}
     return replace(found, at=at, causes=causes), bares, shifts
@@ -174,9 +180,9 @@ def named(
     found: Search, setup: Evaluation, bares: Bares, recordings: Sequence[Recording],
     begun: Sequence[Start], own: float, least: float, *, exact: bool = False,
     complete: bool = True,
-) -> tuple[tuple[Cause, ...], dict[str, float]]:  # fmt: skip
+) -> tuple[tuple[Cause, ...], Shifts]:  # fmt: skip
     """The causes without which the best model is clearly worse, numbers of the set-up among them,
-    and the change of ln(E / mu) without each effect that was added, or with a rival in its place.
+    and the shifts without each effect that was added, or with a rival in its place.
 
     What lies within its tolerance, or is no part of every set-up, is none where all that it
     explains is immaterial, or takes away less than `least` [m] of ERR: beside a cause whose true
@@ -200,8 +206,9 @@ def named(
         complete: whether the model leaves nothing that matters.
     """
     at, offer = found.at, found.offer
-    result, shifts = [], {}
-    instead: dict[str, float] = {}
+    result = []
+    shifts: dict[str, Mapping[str, float]] = {}
+    instead: dict[str, Mapping[str, float]] = {}
     shared: list[tuple[float, Proposal]] = []
     judge = _Judge(at, recordings, own, least, exact)
     for group in (*found.causes, *beyond(at)):
@@ -217,13 +224,13 @@ def named(
         if group.start is not None:
             astray = not exact and _loss_without(setup, bare) > 0.0
             bare = setup if astray else bare
-            shifts[group.effect] = _log_ratio(bare) - _log_ratio(at)
+            shifts[group.effect] = _changes(at, bare, group)
         if not _needed(at, bare, group, begun):
             continue
         if judge.matters(group, bare):
             offer = offered(at, recordings, begun, offer)
             fits = _rivals(at, bare, group, recordings, begun, offer, complete=complete)
-            instead |= {effect: _log_ratio(e) - _log_ratio(at) for effect, (e, _) in fits.items()}
+            instead |= {effect: _changes(at, e, group) for effect, (e, _) in fits.items()}
             blocks = {effect: block for effect, (_, block) in fits.items()}
             result.append(_cause(group, blocks, at, bare))
         elif twins := strained(bare, at):
@@ -231,7 +238,7 @@ def named(
             both = tuple(p for g in (group, *twins) for p in g.parameters)
             neither = without(at, replace(group, parameters=both), recordings, wholly=True) or bare
             rivals = {t.effect: values[t.effect] for t in twins if t.effect in values}
-            instead |= dict.fromkeys(rivals, _log_ratio(bare) - _log_ratio(at))
+            instead |= dict.fromkeys(rivals, _changes(at, bare, group))
             result.append(_cause(group, rivals, at, neither))
         elif group.start is not None:
             shared.append((_loss_without(at, bare), group))
@@ -303,10 +310,12 @@ def _errs_where_it_acts(at: Evaluation, bare: Evaluation, group: Proposal) -> tu
     return max(errs, key=lambda e: e[1] - e[0])
 
 
-def _log_ratio(at: Evaluation) -> float:
-    """ln(E / mu) of a model."""
-    rod = at.model.settings.rod
-    return float(np.log(rod.young_modulus / rod.density))
+def _changes(at: Evaluation, other: Evaluation, group: Proposal) -> dict[str, float]:
+    """Changes from one model to another one of all numbers that both have, but for a group's."""
+    own = {p.name for p in group.parameters}
+    there = dict(zip(other.model.names, other.model.theta(), strict=True))
+    pairs = zip(at.model.names, at.model.theta(), strict=True)
+    return {n: float(there[n] - x) for n, x in pairs if n in there and n not in own}
 
 
 def _merged(causes: Sequence[Cause]) -> tuple[Cause, ...]:
@@ -333,12 +342,17 @@ def _rivals(
     While other causes are missing, evidence tells two of them apart no better than `CLEARLY_LESS`.
     """
     loss = _loss_without(at, bare)
-    missing = loss - max(WORTH, SAME_GAIN * loss) if complete else CLEARLY_LESS * loss
+    missing = loss - WORTH if complete else CLEARLY_LESS * loss
     result: dict[str, tuple[Evaluation, Block]] = {}
+
+    def as_well(there: Evaluation) -> bool:
+        return not tells_apart(at, there) if complete else _loss_without(there, bare) >= missing
 
     def taken(trial: Trial) -> None:
         there, proposal = trial
-        if _loss_without(there, bare) >= missing:
+        more = there.posterior.evidence - at.posterior.evidence
+        LOG.info("%s instead of %s: %+.1f", proposal.label, group.label, more)
+        if as_well(there):
             values = there.model.settings.effects.get(proposal.effect, {})
             fitted_ = {split_name(p.name)[1] for p in proposal.parameters if p.effect}
             block = {key: v for key, v in values.items() if key in fitted_}

@@ -4,40 +4,34 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
 from dlo_ros.diagnosis.explain.candidate_trials import (
     FIT_ITERATIONS,
-    Step,
     Trial,
     fitted,
     gains,
 )
 from dlo_ros.diagnosis.explain.cause_naming import (
     Cause,
+    Shifts,
     beside_contact,
     named,
     without_dampings,
     without_needless,
 )
 from dlo_ros.diagnosis.explain.cause_search import Search, search, without
-from dlo_ros.diagnosis.explain.certainty import (
-    SCALES,
-    beyond,
-    beyond_for_certain,
-    certain,
-    departures,
-)
+from dlo_ros.diagnosis.explain.certainty import departures
 from dlo_ros.diagnosis.explain.contact_trials import Contact, best_contact
 from dlo_ros.diagnosis.explain.exact_setup import beside_exact_set_up
+from dlo_ros.diagnosis.explain.explanation import Explanation
 from dlo_ros.diagnosis.explain.far_starts import best_far_start
 from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.explain.own_moments import for_recordings
 from dlo_ros.diagnosis.explain.peg_instead import with_peg_or_wall
 from dlo_ros.diagnosis.explain.peg_size import best_sized
-from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Scene, Start, effects, starts
 from dlo_ros.effects.base import ROD
 from dlo_ros.errors import SimulationError
@@ -49,7 +43,6 @@ from dlo_ros.inference.priors import believed, joint_model
 from dlo_ros.inference.scene import scene_of
 from dlo_ros.inference.thresholds import (
     CLEARLY_LESS,
-    FAR,
     FEW_DEPARTURES,
     FEWEST_FRAMES,
     LOWERS,
@@ -60,68 +53,8 @@ from dlo_ros.inference.thresholds import (
     WORTH,
 )
 from dlo_ros.parameters import Settings
-from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
-
-
-Naming = Callable[[], tuple[tuple[Cause, ...], Mapping[str, float]]]
-"""Gives the causes, and the change of ln(E / mu) without each, by the effect's name."""
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """The recordings explained by the joint model.
-
-    Args:
-        setup: the set-up within tolerance, fitted.
-        at: the same with all causes.
-        causes: the causes that are certain.
-        own_err: ERR that the measurement alone has [m].
-        material_err: ERR [m] below which nothing is left to explain.
-        nameable_err: ERR [m] that an effect which has been added must take away to be named.
-        proposals: all that the search has added or freed, certain or not.
-        trace: every candidate of every step.
-        stiffness_shifts: change of ln(E / mu) where an added effect is left out, or a damping has
-            its guess, or a rival stands in a cause's place, by the effect's name.
-        exact: whether the set-up is as precise as the data tell, see `exact_setup`.
-        contact: what may have been hit; None: nothing.
-        naming: function that gives the causes and the changes of ln(E / mu) without them, where
-            they are not known yet: see `with_names`.
-    """
-
-    setup: Evaluation
-    at: Evaluation
-    causes: tuple[Cause, ...]
-    own_err: float
-    material_err: float
-    nameable_err: float
-    proposals: tuple[Proposal, ...]
-    trace: tuple[Step, ...]
-    stiffness_shifts: Mapping[str, float] = field(default_factory=dict)
-    exact: bool = False
-    contact: Contact | None = None
-    naming: Naming | None = None
-
-    def with_names(self) -> Explanation:
-        """The explanation with its causes, which take many fits to be certain of.
-
-        An explanation that is only the way to another one needs none.
-        """
-        if self.naming is None:
-            return self
-        causes, shifts = self.naming()
-        shifts = {**self.stiffness_shifts, **shifts}
-        return replace(self, causes=causes, stiffness_shifts=shifts, naming=None)
-
-    @property
-    def stiffness_doubt(self) -> float:
-        """Largest change of ln(E / mu) by what the model contains although it is no certain
-        cause, or by a rival of one.
-        """
-        named = {c.effect for c in self.causes}
-        shifts = self.stiffness_shifts.items()
-        return max((abs(shift) for effect, shift in shifts if effect not in named), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -229,7 +162,7 @@ def _concluded(
     found, setup = _one_minimum(found, setup)
     if not complete and not found.causes:  # it may be another minimum, with dampings far off
         found, bares, more = without_needless(found, recordings, begun, complete=False)
-        setup, pruned = found.at, pruned | more
+        setup, pruned = found.at, {**pruned, **more}
     if found.at is not judged:
         near = _near_shapes(found.at, recordings, given)
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
@@ -237,7 +170,7 @@ def _concluded(
     material = material_err(own, given)
     least = _nameable_err(found, setup, prepared, own)
 
-    def naming() -> tuple[tuple[Cause, ...], Mapping[str, float]]:
+    def naming() -> tuple[tuple[Cause, ...], Shifts]:
         whole = near.mean_err < material
         causes, shifts = named(
             found, setup, bares, recordings, begun, own, least, exact=exact, complete=whole
@@ -338,43 +271,6 @@ def _no_stand_ins(
         return tuple(c for c in causes if c.rivals)
     most = MOST_LEFT_BY_MANY if many else MOST_LEFT
     return () if found.at.mean_err > most * prepared.plain_err else causes
-
-
-def still_certain(
-    found: Explanation, final: Evaluation, covariance: FloatArray
-) -> Explanation:  # fmt: skip
-    """The explanation with those causes alone that a fit to more data shows for certain, too.
-
-    What only compensated for another law in the recordings learned from, others may deny. It takes
-    little of ERR away; of an added effect that takes most, they only deny the numbers.
-
-    Args:
-        final: the model with all causes, fitted to all recordings.
-        covariance: that is reported of its parameters, shape (P, P).
-    """
-    groups = [*found.proposals, *freed(final.model)]
-    may_be = {g.label for g in (found.proposals if found.exact else beyond(final, covariance))}
-    sure = {p.name for g in groups if _still(final, g, covariance, may_be) for p in g.parameters}
-    added = {g.effect for g in found.proposals if g.start is not None}
-    most = {c.effect for c in found.causes if found.at.mean_err < FAR * c.err} & added
-    kept = tuple(c for c in found.causes if sure & set(c.names) or c.effect in most)
-    return replace(found, causes=kept)
-
-
-def _still(
-    final: Evaluation, group: Proposal, covariance: FloatArray, may_be: Collection[str]
-) -> bool:
-    """Whether a group is a cause with the values of a fit to more data, and their uncertainty.
-
-    Args:
-        may_be: labels of groups of the set-up that may be causes.
-    """
-    if group.start is None and beyond_for_certain(final, group, covariance):
-        return True
-    tolerated = group.start is None and all(p.effect for p in group.parameters)
-    if tolerated and group.label not in may_be:
-        return False
-    return certain(final, group, SCALES, covariance)
 
 
 def _beginning(

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
+from dlo_ros.diagnosis.explain.explanation import Explanation
 from dlo_ros.diagnosis.explain.joint_explanation import (
-    Explanation,
     Prepared,
     explain,
     explain_again,

@@ -40,14 +40,16 @@ UNKNOWN = 1e-12
 
 
 def effect_numbers(
-    effect: str, at: Evaluation, given: Settings, widening: Mapping[str, float] | None = None
-) -> dict[str, Number]:
+    effect: str, at: Evaluation, given: Settings, widening: Mapping[str, float] | None = None,
+    doubts: Mapping[str, float] | None = None,
+) -> dict[str, Number]:  # fmt: skip
     """Values of an effect's keys with standard deviations.
 
     Args:
         widening: factors of the std of parameters, see `confirmed_uncertainty`.
+        doubts: std of parameters by what may or may not act, see `Explanation.doubts`.
     """
-    spread = dict(zip(at.model.names, outer_stds(at, widening), strict=True))
+    spread = dict(zip(at.model.names, outer_stds(at, widening, doubts), strict=True))
     name, _ = added_to_damping().get(effect, ("", ""))
     result = {}
     shown = damping_as_effects(at.model.settings, given, (effect,))
@@ -89,11 +91,24 @@ def damping_as_effects(settings: Settings, given: Settings, names: Iterable[str]
     return replace(settings, damping=damping).with_effects(effects_)
 
 
-def outer_stds(at: Evaluation, widening: Mapping[str, float] | None = None) -> FloatArray:
-    """Standard deviations of the values of all parameters, shape (P,): `_covariance_at_scale`."""
-    stds = np.sqrt(np.diag(_covariance_at_scale(at, widening)))
+def outer_stds(
+    at: Evaluation, widening: Mapping[str, float] | None = None,
+    doubts: Mapping[str, float] | None = None,
+) -> FloatArray:  # fmt: skip
+    """Standard deviations of the values of all parameters, shape (P,): `_covariance_at_scale`.
+
+    Args:
+        widening, doubts: see `effect_numbers`.
+    """
+    known = np.sqrt(np.diag(_covariance_at_scale(at, widening)))
+    stds = np.hypot(known, _doubts_of(at.model, doubts))
     pairs = zip(at.model.parameters, stds, at.model.theta(), strict=True)
     return np.array([p.outer_std(x, s) for p, s, x in pairs])
+
+
+def _doubts_of(model: ParametricModel, doubts: Mapping[str, float] | None) -> FloatArray:
+    """Doubts of a model's parameters, 0 where none is known, shape (P,)."""
+    return np.array([(doubts or {}).get(name, 0.0) for name in model.names])
 
 
 def reported_covariance(at: Evaluation, widening: Mapping[str, float] | None = None) -> FloatArray:
@@ -228,19 +243,25 @@ def with_plain_values(fitted: Fitted, plain: Settings) -> Fitted:
 
 
 def set_up_numbers(
-    at: Evaluation, causes: Sequence[Cause], given: Settings
-) -> dict[str, SetupNumber]:
+    at: Evaluation, causes: Sequence[Cause], given: Settings,
+    doubts: Mapping[str, float] | None = None,
+) -> dict[str, SetupNumber]:  # fmt: skip
     """Numbers that were fitted and are no cause, by effect and key.
 
     These are those of the set-up; the dampings, as what their effects would add to those of the
     parameter file; and those of effects which the model contains without their being certain.
+
+    Args:
+        doubts: see `effect_numbers`.
     """
     named = {name for c in causes for name in c.names}
     covariance = reported_covariance(at)
     spread = np.sqrt(np.diag(covariance))
     density = at.model.index("density")
     held = covariance[:, density] / spread[density]
-    held = np.sqrt(np.maximum(spread**2 - held**2, 0.0))
+    doubt = _doubts_of(at.model, doubts)
+    held = np.hypot(np.sqrt(np.maximum(spread**2 - held**2, 0.0)), doubt)
+    spread = np.hypot(spread, doubt)
     result = {}
     for p, x, s, h in zip(at.model.parameters, at.model.theta(), spread, held, strict=True):
         if p.name in named or p.name in ("young_modulus", "density"):

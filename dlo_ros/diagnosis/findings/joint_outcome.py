@@ -12,7 +12,7 @@ import numpy as np
 from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.certainty import far_off
 from dlo_ros.diagnosis.explain.exact_setup import opened
-from dlo_ros.diagnosis.explain.joint_explanation import Explanation, still_certain
+from dlo_ros.diagnosis.explain.explanation import Explanation, still_certain
 from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.findings.confirmed_uncertainty import Widening, confirmed
@@ -168,7 +168,7 @@ def joint_outcome(
         related_after,
         matters,
         share,
-        set_up_numbers(opened(at), found.causes, given),
+        set_up_numbers(opened(at), found.causes, given, found.doubts),
         systematic_errors(at),
         found.trace,
     )
@@ -312,7 +312,8 @@ def _effect(cause: Cause, final: _Final, given: Settings, missed: float) -> Name
     """
     share = (cause.err - final.found.at.mean_err) / missed if missed > 0.0 else None
     return NamedEffect(
-        cause.effect, effect_numbers(cause.effect, final.at, given, final.wider.parameters),
+        cause.effect,
+        effect_numbers(cause.effect, final.at, given, final.wider.parameters, final.found.doubts),
         tuple(cause.rivals), None if share is None else float(np.clip(share, 0.0, 1.0)),
         cause.rivals,
     )  # fmt: skip
@@ -361,7 +362,7 @@ def _kept_guesses(found: Explanation) -> list[str]:
     return [
         f"damping.{name}"
         for effect, (name, _) in added_to_damping().items()
-        if effect in found.stiffness_shifts and name not in found.at.model.names
+        if effect in found.shifts and name not in found.at.model.names
     ]
 
 

@@ -50,6 +50,8 @@ class ClampAngle(Effect):
             (self.end, END, f"{CONTROL_POINT}{last}", f"{CONTROL_POINT}{last - 1}"),
         )
         for angle, clamp, tip, second in ends:
+            if clamp not in command.names and second not in command.names:
+                continue
             turn = Rotation.from_rotvec(rotation_vector(angle))
             for k, name in enumerate(command.names):
                 if name == clamp:

@@ -57,7 +57,8 @@ class IntrinsicCurvature(Effect):
             if not given:
                 continue
             values = np.atleast_1d(np.asarray(given, dtype=np.float64))
-            at = np.linspace(0.0, body.length, len(values))
+            apart = body.length / max(len(values) - 1, 1)
+            at = apart * np.arange(len(values))
             body.bend_rest[:, director] += np.interp(body.points, at, values)
         if self.kink:
             body.within("intrinsic_curvature.position", self.position)
