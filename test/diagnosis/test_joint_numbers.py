@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from experiment_recordings import moving
 
@@ -14,6 +15,7 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
     effect_numbers,
     fitted_material,
     outer_stds,
+    reported_covariance,
     set_up_numbers,
 )
 from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of, with_proposals
@@ -62,6 +64,9 @@ def test_a_number_is_known_no_better_than_what_may_act_beside_it(draughty):
     known = before.pop("clamp_angle.start").std
     assert told.pop("clamp_angle.start").std == pytest.approx((known**2 + 0.2**2) ** 0.5)
     assert told == before  # `doubt` says parameters, not what they are told as
+    model = prepared.setup.model
+    more = reported_covariance(prepared.setup, None, doubt) - reported_covariance(prepared.setup)
+    assert np.allclose(more, 0.2**2 * np.outer(model.axis(angle), model.axis(angle)))
     number = effect_numbers("clamp_angle", prepared.setup, given, {angle: 2.0}, doubt)["start"]
     assert number.std == pytest.approx(((2.0 * known) ** 2 + 0.2**2) ** 0.5, rel=0.05)
 

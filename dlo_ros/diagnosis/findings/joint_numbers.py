@@ -111,19 +111,23 @@ def _doubts_of(model: ParametricModel, doubts: Mapping[str, float] | None) -> Fl
     return np.array([(doubts or {}).get(name, 0.0) for name in model.names])
 
 
-def reported_covariance(at: Evaluation, widening: Mapping[str, float] | None = None) -> FloatArray:
+def reported_covariance(
+    at: Evaluation, widening: Mapping[str, float] | None = None,
+    doubts: Mapping[str, float] | None = None,
+) -> FloatArray:  # fmt: skip
     """Covariance in which guesses count for nothing, and the recordings' disagreement does, shape
     (P, P).
 
     With a guessed density nor do the sizes that the forces of causes mostly have.
 
     Args:
-        widening: factors of the std of parameters, see `confirmed_uncertainty`.
+        widening, doubts: see `effect_numbers`.
     """
     guessed = np.array([p.guessed for p in at.model.parameters])
     if guessed[at.model.index("density")]:
         guessed |= _forces(at)
-    return _covariance(at, np.where(guessed, UNKNOWN, 1.0), widening)
+    known = _covariance(at, np.where(guessed, UNKNOWN, 1.0), widening)
+    return known + np.diag(_doubts_of(at.model, doubts) ** 2)
 
 
 def _covariance_at_scale(at: Evaluation, widening: Mapping[str, float] | None = None) -> FloatArray:

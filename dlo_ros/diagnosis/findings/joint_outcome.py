@@ -194,7 +194,8 @@ def _final(
     fitted_to = compared if len(at.err) == len(recordings) else [recordings[k] for k in known]
     at = with_soft_axis(at_guessed_scale(at), fitted_to, given)
     wider = confirmed(at, compared, [name for c in found.causes for name in c.names])
-    found = still_certain(found, at, reported_covariance(at, wider.parameters))
+    covariance = reported_covariance(at, wider.parameters, found.doubts)
+    found = still_certain(found, at, covariance)
     try:
         shown = simulate(replace(at.model, parameters=()), recordings)
         return _Final(learned, found, at, wider, shown)
