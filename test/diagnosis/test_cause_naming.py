@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cause_fits import evaluation, model_of, more_evidence
+from cause_fits import evaluation, model_of
 from experiment_recordings import fitted_set_up
 from rods import PAPER
 
@@ -21,11 +21,6 @@ from dlo_ros.inference.priors import believed, material_priors
 
 SERVING = SimpleNamespace(serves=lambda _: True, beside=lambda _: None)
 """An offer that no model is too far from."""
-
-
-@pytest.fixture(autouse=True)
-def evidence_decides(monkeypatch):
-    monkeypatch.setattr(cause_naming, "tells_apart", more_evidence)
 
 
 def only_err_decides(monkeypatch):
@@ -199,20 +194,6 @@ def test_what_comes_nearer_than_the_measurement_errs_is_judged_by_what_is_left(
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)
     causes, _ = cause_naming.named(found, bare, {}, (), [start], own, least)
     assert bool(causes) is named
-
-
-@pytest.mark.parametrize("by_chance", [True, False])
-def test_what_evidence_shows_by_chance_alone_is_no_cause(monkeypatch, by_chance):
-    start = Start("hysteresis", {"moment": 0.1}, ("moment",), ("moment",), neutral=False)
-    at, bare = evaluation(0.0, 1e-3), evaluation(-40.0, 2e-3)
-    at.model = bare.model = model_of(PAPER)
-    only_err_decides(monkeypatch)
-    monkeypatch.setattr(cause_naming, "tells_apart", lambda *_: not by_chance)
-    monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
-    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)
-    causes, _ = cause_naming.named(found, bare, {}, (), [start], 0.9e-3, 0.25e-3)
-    assert bool(causes) is not by_chance
 
 
 def test_a_fit_without_a_cause_that_explains_less_than_the_set_up_has_gone_astray(monkeypatch):

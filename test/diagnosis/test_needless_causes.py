@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cause_fits import evaluation, model_of, more_evidence
+from cause_fits import evaluation, model_of
 from experiment_recordings import fitted_set_up
 from rods import PAPER
 
@@ -14,11 +14,6 @@ from dlo_ros.diagnosis.explain import cause_naming, cause_search
 from dlo_ros.diagnosis.proposals.linear_evidence import freed
 from dlo_ros.effects import Start
 from dlo_ros.inference import joint_fit
-
-
-@pytest.fixture(autouse=True)
-def evidence_decides(monkeypatch):
-    monkeypatch.setattr(cause_naming, "tells_apart", more_evidence)
 
 
 @pytest.mark.parametrize(("loss", "kept"), [(4.0, False), (12.0, True)])

@@ -105,8 +105,7 @@ def _loss_without(at: Evaluation, bare: Evaluation) -> float:
 
 
 def _needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[Start]) -> bool:
-    """Whether the best model without a cause is worse for certain, see `tells_apart`, and clearly,
-    see `NAMED` and `FAR`.
+    """Whether the best model without a cause is clearly worse, see `NAMED` and `FAR`.
 
     Of a cause that is no part of every set-up, but one of K effects that were tried, ln K more of
     the log evidence must be lost.
@@ -117,8 +116,7 @@ def _needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[S
     tried = len({s.effect for s in begun}) if group.start is not None else 1
     loss = _loss_without(at, bare)
     far = at.mean_err < FAR * bare.mean_err
-    clearly = loss >= NAMED + float(np.log(tried))
-    return (clearly and tells_apart(at, bare)) or (far and loss > 0.0)
+    return loss >= NAMED + float(np.log(tried)) or (far and loss > 0.0)
 
 
 def without_needless(
