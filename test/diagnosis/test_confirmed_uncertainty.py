@@ -59,7 +59,7 @@ def test_the_material_takes_its_factor(fitted):
     narrow, wide = (fitted_material(at, None, None, factor) for factor in (1.0, 30.0))
     assert wide.specific_modulus[1] > 2.0 * narrow.specific_modulus[1]
     assert wide.specific_modulus[0] == narrow.specific_modulus[0]
-    doubtful = fitted_material(at, None, None, doubt=0.5)
+    doubtful = fitted_material(at, None, None, doubts=[{"young_modulus": 0.5}])
     value, std = doubtful.specific_modulus
     assert std == pytest.approx(value * np.hypot(0.5, narrow.specific_modulus[1] / value))
 

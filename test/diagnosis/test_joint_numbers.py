@@ -59,16 +59,30 @@ def weighed(at, std):
 def test_a_number_is_known_no_better_than_what_may_act_beside_it(draughty):
     prepared, given, _ = draughty
     angle = "effects.clamp_angle.start"
-    before, doubt = (set_up_numbers(prepared.setup, (), given), {angle: 0.2, INNER: 9.0})
+    # What is said of parameters is nothing that is said of the names that they are told by.
+    before, doubt = set_up_numbers(prepared.setup, (), given), [{angle: 0.2, INNER: 9.0}]
     told = set_up_numbers(prepared.setup, (), given, doubt)
     known = before.pop("clamp_angle.start").std
     assert told.pop("clamp_angle.start").std == pytest.approx((known**2 + 0.2**2) ** 0.5)
-    assert told == before  # `doubt` says parameters, not what they are told as
+    assert told == before
     model = prepared.setup.model
     more = reported_covariance(prepared.setup, None, doubt) - reported_covariance(prepared.setup)
     assert np.allclose(more, 0.2**2 * np.outer(model.axis(angle), model.axis(angle)))
     number = effect_numbers("clamp_angle", prepared.setup, given, {angle: 2.0}, doubt)["start"]
     assert number.std == pytest.approx(((2.0 * known) ** 2 + 0.2**2) ** 0.5, rel=0.05)
+
+
+def test_what_may_act_changes_numbers_together(draughty):
+    """A force is known as a share of E, where both are larger by a fifth with something beside."""
+    at, modulus, density = draughty[0].setup, "young_modulus", "density"
+    axis = at.model.axis(modulus) - at.model.axis(density)
+    alone = reported_covariance(at)
+
+    def more(*doubts):
+        return axis @ (reported_covariance(at, None, doubts) - alone) @ axis
+
+    assert more({modulus: 0.2, density: 0.2}) == pytest.approx(0.0, abs=1e-9)
+    assert more({modulus: 0.2}, {density: 0.2}) == pytest.approx(2.0 * 0.2**2)
 
 
 def test_a_guessed_drag_is_told_with_its_std_and_has_no_tolerance(draughty):

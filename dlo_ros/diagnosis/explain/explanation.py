@@ -64,26 +64,12 @@ class Explanation:
         return replace(self, causes=causes, shifts={**self.shifts, **shifts}, naming=None)
 
     @property
-    def doubts(self) -> dict[str, float]:
-        """Largest changes of the numbers of the model, as inference sees them, by what it contains
-        although it is no certain cause, or by a rival of one.
+    def doubts(self) -> tuple[Mapping[str, float], ...]:
+        """The shifts by what may or may not act: what the model contains although it is no certain
+        cause, what was left out of it, and rivals of causes.
         """
-        result: dict[str, float] = {}
-        for changes in self._doubtful():
-            for name, change in changes.items():
-                result[name] = max(result.get(name, 0.0), abs(change))
-        return result
-
-    @property
-    def stiffness_doubt(self) -> float:
-        """The largest change of ln(E / mu) by the same."""
-        changes = self._doubtful()
-        return max((abs(c["young_modulus"] - c["density"]) for c in changes), default=0.0)
-
-    def _doubtful(self) -> list[Mapping[str, float]]:
-        """The shifts by what may or may not act."""
         named = {c.effect for c in self.causes}
-        return [changes for effect, changes in self.shifts.items() if effect not in named]
+        return tuple(changes for effect, changes in self.shifts.items() if effect not in named)
 
 
 def still_certain(found: Explanation, final: Evaluation, covariance: FloatArray) -> Explanation:

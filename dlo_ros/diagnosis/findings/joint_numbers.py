@@ -35,19 +35,21 @@ from dlo_ros.parameters import Settings, tolerance
 from dlo_ros.rod.sensitivity_parameters import effect_names
 from dlo_ros.spline import FloatArray
 
+Doubts = Sequence[Mapping[str, float]]
+"""See `Explanation.doubts`."""
 UNKNOWN = 1e-12
 """Share of a guess's information that counts in a standard deviation that is reported: none."""
 
 
 def effect_numbers(
     effect: str, at: Evaluation, given: Settings, widening: Mapping[str, float] | None = None,
-    doubts: Mapping[str, float] | None = None,
+    doubts: Doubts = (),
 ) -> dict[str, Number]:  # fmt: skip
     """Values of an effect's keys with standard deviations.
 
     Args:
         widening: factors of the std of parameters, see `confirmed_uncertainty`.
-        doubts: std of parameters by what may or may not act, see `Explanation.doubts`.
+        doubts: see `Explanation`.
     """
     spread = dict(zip(at.model.names, outer_stds(at, widening, doubts), strict=True))
     name, _ = added_to_damping().get(effect, ("", ""))
@@ -92,29 +94,32 @@ def damping_as_effects(settings: Settings, given: Settings, names: Iterable[str]
 
 
 def outer_stds(
-    at: Evaluation, widening: Mapping[str, float] | None = None,
-    doubts: Mapping[str, float] | None = None,
-) -> FloatArray:  # fmt: skip
+    at: Evaluation, widening: Mapping[str, float] | None = None, doubts: Doubts = ()
+) -> FloatArray:
     """Standard deviations of the values of all parameters, shape (P,): `_covariance_at_scale`.
 
     Args:
         widening, doubts: see `effect_numbers`.
     """
-    known = np.sqrt(np.diag(_covariance_at_scale(at, widening)))
-    stds = np.hypot(known, _doubts_of(at.model, doubts))
+    spread = _covariance_at_scale(at, widening) + _covariance_of(doubts, at.model)
+    stds = np.sqrt(np.diag(spread))
     pairs = zip(at.model.parameters, stds, at.model.theta(), strict=True)
     return np.array([p.outer_std(x, s) for p, s, x in pairs])
 
 
-def _doubts_of(model: ParametricModel, doubts: Mapping[str, float] | None) -> FloatArray:
-    """Doubts of a model's parameters, 0 where none is known, shape (P,)."""
-    return np.array([(doubts or {}).get(name, 0.0) for name in model.names])
+def _covariance_of(doubts: Doubts, model: ParametricModel) -> FloatArray:
+    """Covariance of a model's parameters by what may or may not act, each by itself, shape (P, P).
+
+    What an effect does to E, it does to the forces that are known as shares of it.
+    """
+    shifts = np.array([[changes.get(n, 0.0) for n in model.names] for changes in doubts])
+    shifts = shifts.reshape(-1, len(model.names))
+    return np.asarray(shifts.T @ shifts)
 
 
 def reported_covariance(
-    at: Evaluation, widening: Mapping[str, float] | None = None,
-    doubts: Mapping[str, float] | None = None,
-) -> FloatArray:  # fmt: skip
+    at: Evaluation, widening: Mapping[str, float] | None = None, doubts: Doubts = ()
+) -> FloatArray:
     """Covariance in which guesses count for nothing, and the recordings' disagreement does, shape
     (P, P).
 
@@ -127,7 +132,7 @@ def reported_covariance(
     if guessed[at.model.index("density")]:
         guessed |= _forces(at)
     known = _covariance(at, np.where(guessed, UNKNOWN, 1.0), widening)
-    return known + np.diag(_doubts_of(at.model, doubts) ** 2)
+    return known + _covariance_of(doubts, at.model)
 
 
 def _covariance_at_scale(at: Evaluation, widening: Mapping[str, float] | None = None) -> FloatArray:
@@ -194,16 +199,17 @@ def _at_scale(model: ParametricModel, log: float) -> ParametricModel:
 
 def fitted_material(
     at: Evaluation, err_train: float | None, err_holdout: float | None, widening: float = 1.0,
-    doubt: float = 0.0,
+    doubts: Doubts = (),
 ) -> Fitted:  # fmt: skip
     """The material with standard deviations, and errors [m].
 
     Args:
         widening: factor of the std, see `confirmed_uncertainty`.
-        doubt: std of ln E by what may or may not act, see `Explanation.stiffness_doubt`.
+        doubts: see `Explanation`.
     """
     spread, rod = widening**2 * reported_covariance(at), at.model.settings.rod
-    stiffness_error = math.hypot(float(model_shift(at.model.settings, usual=True)[0]), doubt)
+    spread = spread + _covariance_of(doubts, at.model)
+    stiffness_error = float(model_shift(at.model.settings, usual=True)[0])
     modulus, density = at.model.axis("young_modulus"), at.model.axis("density")
     scale_std = widening * math.sqrt(float(density @ _covariance_at_scale(at) @ density))
 
@@ -247,9 +253,8 @@ def with_plain_values(fitted: Fitted, plain: Settings) -> Fitted:
 
 
 def set_up_numbers(
-    at: Evaluation, causes: Sequence[Cause], given: Settings,
-    doubts: Mapping[str, float] | None = None,
-) -> dict[str, SetupNumber]:  # fmt: skip
+    at: Evaluation, causes: Sequence[Cause], given: Settings, doubts: Doubts = ()
+) -> dict[str, SetupNumber]:
     """Numbers that were fitted and are no cause, by effect and key.
 
     These are those of the set-up; the dampings, as what their effects would add to those of the
@@ -263,7 +268,7 @@ def set_up_numbers(
     spread = np.sqrt(np.diag(covariance))
     density = at.model.index("density")
     held = covariance[:, density] / spread[density]
-    doubt = _doubts_of(at.model, doubts)
+    doubt = np.sqrt(np.diag(_covariance_of(doubts, at.model)))
     held = np.hypot(np.sqrt(np.maximum(spread**2 - held**2, 0.0)), doubt)
     spread = np.hypot(spread, doubt)
     result = {}

@@ -235,7 +235,7 @@ def _extended(final: _Final, errors: Errors, given: Settings) -> Fitted:
     """The full model as it is reported."""
     fitted = fitted_material(
         final.at, holdout.mean(errors.seen), holdout.mean(errors.held),
-        final.wider.material, final.found.stiffness_doubt,
+        final.wider.material, final.found.doubts,
     )  # fmt: skip
     named = [c.effect for c in final.found.causes]
     return replace(fitted, settings=damping_as_effects(final.at.model.settings, given, named))
