@@ -167,9 +167,9 @@ def _compiled(
     for k, name in enumerate(names):
         pair = [own, own]
         if any(rods.slipping[k]) or _acts_on_command(name):
-            for j, (side, rod) in enumerate(zip(SIDES, rods.models[k], strict=True)):
+            both = zip(SIDES, rods.models[k], rods.slipping[k], strict=True)
+            for j, (side, rod, slipping) in enumerate(both):
                 there = true_command(rod, _asked(command, name, side * float(rods.step[k])))
-                slipping = rods.slipping[k][j]
                 if slipping or there is not true:
                     pair[j] = imposed_of(rod if slipping else model, boundary, there)
         commands += pair

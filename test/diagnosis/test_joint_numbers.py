@@ -59,7 +59,7 @@ def weighed(at, std):
 def test_a_number_is_known_no_better_than_what_may_act_beside_it(draughty):
     prepared, given, _ = draughty
     angle = "effects.clamp_angle.start"
-    # What is said of parameters is nothing that is said of the names that they are told by.
+    # Doubts go by the names of parameters; those of the report are others.
     before, doubt = set_up_numbers(prepared.setup, (), given), [{angle: 0.2, INNER: 9.0}]
     told = set_up_numbers(prepared.setup, (), given, doubt)
     known = before.pop("clamp_angle.start").std

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What a search has added and the data do not show for certain is left out again."""
+"""Effects that a search has added are left out where the data do not show them for certain."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What explains recordings: a model with its causes, and what may or may not act beside them."""
+"""The explanation of recordings: a model with its causes, and effects that may act beside them."""
 
 from __future__ import annotations
 
