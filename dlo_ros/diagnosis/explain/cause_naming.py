@@ -129,8 +129,9 @@ def without_needless(
 
     Where something is left unexplained, evidence is that of a wrong model: it is raised by whatever
     mends that model's laws a little in these manipulations, and in others that makes matters worse.
-    There only what brings the model nearer to the shapes is kept; numbers of the set-up that bring
-    it no nearer are within their tolerance again. Guessed dampings are tried first: one has its
+    There only what brings the model nearer to the shapes is kept, as it can come or as it is fitted
+    by more than chance; numbers of the set-up that bring it no nearer are within their tolerance
+    again. Guessed dampings are tried first: one has its
     guess again where the model, with all added effects, does as well with the guess.
     What is left out already counts: all of it together must do as little as one may.
 
@@ -157,7 +158,8 @@ def without_needless(
         if bare is None or (
             _needed(at, bare, group, begun)
             if complete
-            else not takes_little((found.at, group), bare, recordings)
+            else _nearer_as_fitted(found.at, bare)
+            or not takes_little((found.at, group), bare, recordings)
         ):
             if not of_set_up:
                 bares[group.label] = bare
@@ -167,6 +169,15 @@ def without_needless(
         at, causes = bare, tuple(c for c in causes if c.label != group.label)
         bares = {}
     return replace(found, at=at, causes=causes), bares, shifts
+
+
+def _nearer_as_fitted(at: Evaluation, bare: Evaluation) -> bool:
+    """Whether a model lies nearer to the shapes than one without a cause, by more than chance.
+
+    With wrong values of the rest, other laws may come as near to a few shapes at the cost of their
+    likelihood.
+    """
+    return at.mean_err < (1.0 - LOWERS) * bare.mean_err and tells_apart(at, bare)
 
 
 def _guessed_dampings(at: Evaluation) -> list[Proposal]:
@@ -208,7 +219,7 @@ def named(
     shifts: dict[str, Mapping[str, float]] = {}
     instead: dict[str, Mapping[str, float]] = {}
     shared: list[tuple[float, Proposal]] = []
-    judge = _Judge(at, recordings, own, least, exact)
+    judge = _Judge(at, recordings, own, least, exact, complete)
     for group in (*found.causes, *beyond(at)):
         if not certain(at, group, SCALES):
             continue
@@ -261,6 +272,7 @@ class _Judge:
     own: float
     least: float
     exact: bool
+    complete: bool
 
     @cached_property
     def near(self) -> Evaluation:
@@ -284,7 +296,9 @@ class _Judge:
         LOG.info("without %s: %.3f mm", group.label, 1e3 * there.mean_err)
         here, without_it = _errs_where_it_acts(self.near, there, group)
         if here > (1.0 - LOWERS) * without_it:
-            return False
+            if self.complete or not _nearer_as_fitted(self.at, bare):
+                return False
+            here, without_it = _errs_where_it_acts(self.at, bare, group)
         if self.exact or (group.start is None and is_beyond(self.at, group)):
             return True
         explained = without_it < OWN * min(self.own, here)

@@ -29,6 +29,7 @@ from dlo_ros.rod.lanes.simd_tables import Tables, addresses
 from dlo_ros.rod.lanes.span_lanes import with_room
 from dlo_ros.rod.simd.eight_lanes import LANES, address, entry, load, put_entry, rows, spread, store
 from dlo_ros.rod.solve.newton_iteration import MAX_NEWTON, PATIENCE
+from dlo_ros.rod.solve.step_back import remaining_share
 from dlo_ros.spline import FloatArray
 
 PLANE = 2
@@ -53,6 +54,14 @@ class PlanarLanes(NamedTuple):
     stretch: FloatArray  # (nb, LANES)
     bend: FloatArray  # (nb, LANES)
     tension: FloatArray  # (nb, LANES) times weights
+
+
+class Bending(NamedTuple):
+    """What the law makes of a shape in the plane, at the quadrature points, all (nb,)."""
+
+    curvature: FloatArray  # [1/m]
+    moment: FloatArray  # [N m]
+    tangent: FloatArray  # [N m^2]
 
 
 def planar_lanes(tables: Tables, *, usable: bool) -> PlanarLanes:
@@ -115,14 +124,18 @@ def implicit_step(lanes, q, target, fixed, rule, matter, stretch, longer, inerti
     linear = matter.law.active == 0.0 and matter.law.slide == 0.0
     touching = any_surroundings(matter.around)
     size, points = PLANE * n, 0 if linear else 3 * tables.spans
-    kappa, moment, tangent = np.empty(points), np.empty(points), np.empty(points)
+    bent, line = _no_bending(points), _no_bending(points)
+    pull, promised = np.empty(0 if linear else size), 0.0
     forces, stiff = np.empty(size if touching else 0), np.empty((size if touching else 0, COLUMN))
     # A DLO may touch a body in this step that was far away before; and where it slips through a
     # grip, the tension of its false stretch differs from step to step.
     before, ratio = 0.0, 1.0 if touching or longer != 1.0 else pace[0] ** AGEING
     for iteration in range(1, MAX_NEWTON + 1):
         if not linear:
-            _touch(lanes, rule, matter, kappa, moment, tangent)
+            _bend(lanes, matter, bent)
+            if iteration > 1:
+                before *= _retreat(lanes, q, rule, matter, promised, line, bent)
+            _touch(lanes, rule, bent, line)
         assemble(lanes.q, tables, law, scratch, lanes.matrix, lanes.tension, iteration == 1)
         if touching:
             forces[:] = 0.0
@@ -130,11 +143,15 @@ def implicit_step(lanes, q, target, fixed, rule, matter, stretch, longer, inerti
             add_contact_and_friction(q, rule, matter.around, matter.internal.anchor, forces, stiff)
             _add(tables, scratch, forces, stiff)
         residual(lanes.q, lanes.matrix, lanes.rhs, scratch, tables)
+        for i in range(pull.size):
+            pull[i] = entry(scratch.step, LANES * i)
         pivot = solve(scratch, tables)
-        move = 0.0
+        move, promised = 0.0, 0.0
         for i in range(lo, hi):
             for c in range(PLANE):
                 x = entry(scratch.step, LANES * (PLANE * i + c))
+                if not linear:
+                    promised += x * pull[PLANE * i + c]
                 q[i, c] += x
                 store(lanes.q, PLANE * i + c, spread(q[i, c]))
                 move = max(move, abs(x))
@@ -182,20 +199,60 @@ def _begin(lanes, q, target, fixed, rule, matter, stretch, longer, inertia, rhs)
 
 
 @njit(from_python=False)
-def _touch(lanes, rule, matter, kappa, moment, tangent):
-    """Take the law for the straight line that touches it at the present curvature.
+def _no_bending(points):
+    """Room for what the law makes of a shape."""
+    return Bending(np.empty(points), np.empty(points), np.empty(points))
+
+
+@njit(from_python=False)
+def _bend(lanes, matter, bent):
+    """Write what the law makes of the present shape."""
+    strains(lanes.q, lanes.tables, lanes.stretch, lanes.bend)
+    for e in range(bent.curvature.size):
+        bent.curvature[e] = entry(lanes.bend, LANES * e)
+    moments_in_plane(bent.curvature, matter, bent.moment, bent.tangent)
+
+
+@njit(from_python=False)
+def _retreat(lanes, q, rule, matter, promised, line, bent):
+    """Take back what of the last correction goes too far for the law, see `remaining_share`.
 
     Args:
-        kappa, moment, tangent: room, (nb,).
+        promised: work of the forces along the correction, at its start.
+        line: what the law was taken for.
+        bent: what it is after the correction; becomes what it is after what stays of it.
+
+    Returns:
+        The share of the correction that stays.
     """
+    share, tables = 1.0, lanes.tables
+    while True:
+        unforeseen = 0.0
+        for e in range(bent.curvature.size):
+            change = bent.curvature[e] - line.curvature[e]
+            more = bent.moment[e] - line.moment[e] - line.tangent[e] * change
+            unforeseen += rule.weight[e] * more * change
+        stays = remaining_share(promised, unforeseen, share)
+        if stays == share:
+            return share
+        for i in range(tables.lo, tables.hi):
+            for c in range(PLANE):
+                k = PLANE * i + c
+                q[i, c] -= (share - stays) * entry(lanes.scratch.step, LANES * k)
+                store(lanes.q, k, spread(q[i, c]))
+        share = stays
+        _bend(lanes, matter, bent)
+
+
+@njit(from_python=False)
+def _touch(lanes, rule, bent, line):
+    """Take the law for the straight line that touches it at the present curvature."""
     law = lanes.law
-    strains(lanes.q, lanes.tables, lanes.stretch, lanes.bend)
-    for e in range(kappa.size):
-        kappa[e] = entry(lanes.bend, LANES * e)
-    moments_in_plane(kappa, matter, moment, tangent)
-    for e in range(kappa.size):
-        store(law.bend, e, spread(rule.weight[e] * tangent[e]))
-        store(law.bend_rest, e, spread(kappa[e] - moment[e] / tangent[e]))
+    for e in range(bent.curvature.size):
+        line.curvature[e], line.moment[e] = bent.curvature[e], bent.moment[e]
+        line.tangent[e] = bent.tangent[e]
+        store(law.bend, e, spread(rule.weight[e] * line.tangent[e]))
+        store(law.bend_rest, e, spread(line.curvature[e] - line.moment[e] / line.tangent[e]))
 
 
 @njit(from_python=False)

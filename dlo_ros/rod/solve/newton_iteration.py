@@ -18,6 +18,7 @@ from dlo_ros.rod.elements.rod_forces import (
     multiply_scalar,
     predict_tensions,
     strain_gradients,
+    strains,
     transport,
 )
 from dlo_ros.rod.solve import banded_factorisation
@@ -29,6 +30,7 @@ from dlo_ros.rod.solve.constraints import (
     stiffen,
 )
 from dlo_ros.rod.solve.integrator_state import assign
+from dlo_ros.rod.solve.step_back import retreat
 
 MAX_STATIC_ITERATIONS = 300
 MAX_NEWTON = 50
@@ -206,8 +208,18 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
     product = np.empty(q.shape)
     y, schur = pins, np.empty((0, 0))
     lack = np.empty(gap.size)
-    before = 0.0
+    law = matter.law
+    many = rule.weight.size if law.active != 0.0 or law.slide != 0.0 else 0
+    strain, bent, pull = np.empty((many, 3)), room(many), np.empty(size)
+    before, promised = 0.0, 0.0
     for iteration in range(1, MAX_NEWTON + 1):
+        # The first correction moves what is imposed, too, which does not come back.
+        if many > 0 and iteration > 2:
+            before *= retreat(
+                q, steps[0], fixed, rule, matter, ref, promised, strain, response, bent
+            )  # fmt: skip
+        if many > 0:
+            assign(strain, strains(q, rule, ref)[1])
         assemble(q, rule, ref, matter, response, predicted_tensions, gradient, band, grad_s, grad_o)
         add_scalar_band(band, inertia, spin, 1.0)
         multiply_scalar(inertia, spin, q, product)
@@ -222,6 +234,7 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
         if negative < 0:
             return -iteration, negative
         step = steps[0]
+        assign(pull, step)
         banded_factorisation.solve(band, diagonal, step)
         # Fixed degrees of freedom have no columns in `pins`; their share is in `gap` already.
         if gap.size > 0:
@@ -233,10 +246,12 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
         move, turn = _largest(step, dof)
         if not np.isfinite(move + turn) or move > length:
             return -iteration, negative
+        promised = 0.0
         for i in range(q.shape[0]):
             for c in range(dof):
                 k = dof * i + c
                 q[i, c] = target[i, c] if fixed[k] else q[i, c] + step[k]
+                promised += 0.0 if fixed[k] else pull[k] * step[k]
         predicted_tensions = tension_room
         predict_tensions(rule, response, grad_s, steps, predicted_tensions)
         # Where corrections shrink, the next one is smaller than this one in the same ratio.
