@@ -16,7 +16,13 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     Trial,
     fitted,
 )
-from dlo_ros.diagnosis.explain.cause_search import Search, linear_loss, takes_little, without
+from dlo_ros.diagnosis.explain.cause_search import (
+    Search,
+    linear_loss,
+    nearer_as_fitted,
+    takes_little,
+    without,
+)
 from dlo_ros.diagnosis.explain.certainty import (
     SCALES,
     beyond,
@@ -158,7 +164,7 @@ def without_needless(
         if bare is None or (
             _needed(at, bare, group, begun)
             if complete
-            else _nearer_as_fitted(found.at, bare)
+            else nearer_as_fitted(found.at, bare)
             or not takes_little((found.at, group), bare, recordings)
         ):
             if not of_set_up:
@@ -169,15 +175,6 @@ def without_needless(
         at, causes = bare, tuple(c for c in causes if c.label != group.label)
         bares = {}
     return replace(found, at=at, causes=causes), bares, shifts
-
-
-def _nearer_as_fitted(at: Evaluation, bare: Evaluation) -> bool:
-    """Whether a model lies nearer to the shapes than one without a cause, by more than chance.
-
-    With wrong values of the rest, other laws may come as near to a few shapes at the cost of their
-    likelihood.
-    """
-    return at.mean_err < (1.0 - LOWERS) * bare.mean_err and tells_apart(at, bare)
 
 
 def _guessed_dampings(at: Evaluation) -> list[Proposal]:
@@ -296,7 +293,7 @@ class _Judge:
         LOG.info("without %s: %.3f mm", group.label, 1e3 * there.mean_err)
         here, without_it = _errs_where_it_acts(self.near, there, group)
         if here > (1.0 - LOWERS) * without_it:
-            if self.complete or not _nearer_as_fitted(self.at, bare):
+            if self.complete or not nearer_as_fitted(self.at, bare):
                 return False
             here, without_it = _errs_where_it_acts(self.at, bare, group)
         if self.exact or (group.start is None and is_beyond(self.at, group)):

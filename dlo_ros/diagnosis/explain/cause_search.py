@@ -43,6 +43,7 @@ from dlo_ros.inference.joint import (
 from dlo_ros.inference.joint_fit import fit, nearest_err
 from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.model_comparison import tells_apart
 from dlo_ros.inference.parameter import SLAB, ParametricModel
 from dlo_ros.inference.plain_rod import taken_for_plain
 from dlo_ros.inference.thresholds import INDISPENSABLE, LOWERS, OWN, WORTH
@@ -82,7 +83,8 @@ def search(
     The search ends with a cause, not the first one, that takes too little of ERR away to be named,
     or where nothing is left that matters and no proposal takes more by its first steps. The laws of
     the causes before it differ from the true ones; many effects can compensate for a little of that
-    difference, and none of them is its reason.
+    difference, and none of them is its reason. Such a cause stays in the model where nothing that
+    matters is left with it.
 
     Args:
         at: the joint model with its set-up within tolerance, fitted.
@@ -98,6 +100,11 @@ def search(
             still come would not reach it if each raised the evidence as much as the last one: the
             first ones raise it most.
     """
+
+    def left_out(found: Evaluation, bare: Evaluation) -> bool:
+        """Whether naming would leave out what takes little, as something stays unexplained."""
+        return _matters(found, recordings, enough) and not nearer_as_fitted(found, bare)
+
     causes = list(present)
     dropped: set[str] = set()
     trace: list[Step] = []
@@ -139,6 +146,10 @@ def search(
                     found, causes = other, [c for c in causes if c.label != group.label]
                     little = False
                     break
+        if found is not None and number > 1 and little and left_out(found[0], at):
+            trace.append(_compared(number, found, at, "returned: takes too little"))
+            _tell(trace[-1:])
+            found = None
         if found is None:
             break
         gain = found[0].posterior.evidence - at.posterior.evidence
@@ -190,6 +201,15 @@ def takes_little(found: Trial | None, at: Evaluation, recordings: Sequence[Recor
     here, there = (nearest_err(e, recordings) for e in (at, found[0]))
     LOG.info("%s: %.3f mm, %.3f mm without", found[1].label, 1e3 * there, 1e3 * here)
     return there > (1.0 - LOWERS) * here
+
+
+def nearer_as_fitted(at: Evaluation, bare: Evaluation) -> bool:
+    """Whether a model lies nearer to the shapes than one without a cause, by more than chance.
+
+    With wrong values of the rest, other laws may come as near to a few shapes at the cost of their
+    likelihood.
+    """
+    return at.mean_err < (1.0 - LOWERS) * bare.mean_err and tells_apart(at, bare)
 
 
 def _strained(
