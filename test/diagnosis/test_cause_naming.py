@@ -10,7 +10,7 @@ from cause_fits import evaluation, model_of, more_evidence
 from experiment_recordings import fitted_set_up
 from rods import PAPER
 
-from dlo_ros.diagnosis.explain import cause_naming, cause_search
+from dlo_ros.diagnosis.explain import cause_naming
 from dlo_ros.diagnosis.explain.certainty import SCALES, certain, strained
 from dlo_ros.diagnosis.explain.explanation import Explanation
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of
@@ -169,7 +169,7 @@ def test_a_fit_without_a_cause_that_has_only_drifted_does_not_tell_of_it(
     only_err_decides(monkeypatch)
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: nearest[id(at)])
-    monkeypatch.setattr(cause_search, "tells_apart", more_evidence)
+    monkeypatch.setattr(cause_naming, "tells_apart", more_evidence)
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)
     setup = evaluation(-80.0, 1.5e-3)
     causes, _ = cause_naming.named(

@@ -85,7 +85,7 @@ def test_a_damping_that_has_its_guess_again_is_left_out_once(monkeypatch):
     monkeypatch.setattr(cause_naming, "_guessed_dampings", lambda _: [guess])
     cause.other = "equal to nothing else"  # a cause is freed from a tolerance, a guess again
     search = cause_search.Search(at, (cause,), (), None)
-    found, _, shifts = cause_naming.without_needless(search, (), [], complete=False)
+    found, _, shifts = cause_naming.without_needless(search, (), [], 0.0, complete=False)
     assert tried == [(guess, True)] and not found.causes
     change = np.log(2e6 / PAPER.rod.young_modulus)
     assert shifts["internal_damping"]["young_modulus"] == pytest.approx(change)

@@ -18,8 +18,8 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
 )
 from dlo_ros.diagnosis.explain.cause_search import (
     Search,
+    bears_a_share,
     linear_loss,
-    nearer_as_fitted,
     takes_little,
     without,
 )
@@ -126,8 +126,9 @@ def _needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[S
 
 
 def without_needless(
-    found: Search, recordings: Sequence[Recording], begun: Sequence[Start], *, complete: bool
-) -> tuple[Search, Bares, Shifts]:
+    found: Search, recordings: Sequence[Recording], begun: Sequence[Start], least: float, *,
+    complete: bool,
+) -> tuple[Search, Bares, Shifts]:  # fmt: skip
     """The result without added effects that the data do not show for certain.
 
     Beside an effect that may or may not act, another one of which the data are certain would not be
@@ -135,15 +136,16 @@ def without_needless(
 
     Where something is left unexplained, evidence is that of a wrong model: it is raised by whatever
     mends that model's laws a little in these manipulations, and in others that makes matters worse.
-    There only what brings the model nearer to the shapes is kept, as it can come or as it is fitted
-    by more than chance; numbers of the set-up that bring it no nearer are within their tolerance
-    again. Guessed dampings are tried first: one has its
+    There only what brings the model nearer to the shapes is kept, or an effect that bears a share
+    of what all causes gain; numbers of the set-up that bring it no nearer are within their
+    tolerance again. Guessed dampings are tried first: one has its
     guess again where the model, with all added effects, does as well with the guess.
     What is left out already counts: all of it together must do as little as one may.
 
     Args:
         found: what the search has found.
         begun: beginnings of the effects that were offered to the search.
+        least: log evidence of the set-up without causes.
         complete: whether nothing is left unexplained.
 
     Returns:
@@ -164,8 +166,8 @@ def without_needless(
         if bare is None or (
             _needed(at, bare, group, begun)
             if complete
-            else nearer_as_fitted(found.at, bare)
-            or not takes_little((found.at, group), bare, recordings)
+            else not takes_little((found.at, group), bare, recordings)
+            or (group.start is not None and bears_a_share(found.at, bare, least))
         ):
             if not of_set_up:
                 bares[group.label] = bare
@@ -293,7 +295,7 @@ class _Judge:
         LOG.info("without %s: %.3f mm", group.label, 1e3 * there.mean_err)
         here, without_it = _errs_where_it_acts(self.near, there, group)
         if here > (1.0 - LOWERS) * without_it:
-            if self.complete or not nearer_as_fitted(self.at, bare):
+            if self.complete or not _nearer_as_fitted(self.at, bare, group):
                 return False
             here, without_it = _errs_where_it_acts(self.at, bare, group)
         if self.exact or (group.start is None and is_beyond(self.at, group)):
@@ -301,6 +303,17 @@ class _Judge:
         explained = without_it < OWN * min(self.own, here)
         little = explained or without_it - here < self.least
         return not little or bool(strained(bare, self.at))
+
+
+def _nearer_as_fitted(at: Evaluation, bare: Evaluation, group: Proposal) -> bool:
+    """Whether a model lies nearer to the shapes than one without an effect, by more than chance.
+
+    With wrong values of the rest, other laws may come as near to a few shapes at the cost of their
+    likelihood. Numbers of the set-up do so for what is missing: of these it tells nothing.
+    """
+    if group.start is None:
+        return False
+    return at.mean_err < (1.0 - LOWERS) * bare.mean_err and tells_apart(at, bare)
 
 
 def _cause(group: Proposal, rivals: Rivals, at: Evaluation, bare: Evaluation) -> Cause:

@@ -43,7 +43,6 @@ from dlo_ros.inference.joint import (
 from dlo_ros.inference.joint_fit import fit, nearest_err
 from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.model_comparison import tells_apart
 from dlo_ros.inference.parameter import SLAB, ParametricModel
 from dlo_ros.inference.plain_rod import taken_for_plain
 from dlo_ros.inference.thresholds import INDISPENSABLE, LOWERS, OWN, WORTH
@@ -84,7 +83,7 @@ def search(
     or where nothing is left that matters and no proposal takes more by its first steps. The laws of
     the causes before it differ from the true ones; many effects can compensate for a little of that
     difference, and none of them is its reason. Such a cause stays in the model where nothing that
-    matters is left with it.
+    matters is left with it, or where it bears a share of what all causes gain.
 
     Args:
         at: the joint model with its set-up within tolerance, fitted.
@@ -100,10 +99,12 @@ def search(
             still come would not reach it if each raised the evidence as much as the last one: the
             first ones raise it most.
     """
+    least_evidence = at.posterior.evidence
 
-    def left_out(found: Evaluation, bare: Evaluation) -> bool:
+    def left_out(found: Trial, bare: Evaluation) -> bool:
         """Whether naming would leave out what takes little, as something stays unexplained."""
-        return _matters(found, recordings, enough) and not nearer_as_fitted(found, bare)
+        stays = found[1].start is not None and bears_a_share(found[0], bare, least_evidence)
+        return _matters(found[0], recordings, enough) and not stays
 
     causes = list(present)
     dropped: set[str] = set()
@@ -146,7 +147,7 @@ def search(
                     found, causes = other, [c for c in causes if c.label != group.label]
                     little = False
                     break
-        if found is not None and number > 1 and little and left_out(found[0], at):
+        if found is not None and number > 1 and little and left_out(found, at):
             trace.append(_compared(number, found, at, "returned: takes too little"))
             _tell(trace[-1:])
             found = None
@@ -203,13 +204,17 @@ def takes_little(found: Trial | None, at: Evaluation, recordings: Sequence[Recor
     return there > (1.0 - LOWERS) * here
 
 
-def nearer_as_fitted(at: Evaluation, bare: Evaluation) -> bool:
-    """Whether a model lies nearer to the shapes than one without a cause, by more than chance.
+def bears_a_share(at: Evaluation, bare: Evaluation, least: float) -> bool:
+    """Whether a model loses a share of what its causes gain without one of them that counts.
 
-    With wrong values of the rest, other laws may come as near to a few shapes at the cost of their
-    likelihood.
+    What only mends the law of another one a little gains a few per cent of that.
+
+    Args:
+        bare: the model without the cause.
+        least: log evidence of the set-up without causes.
     """
-    return at.mean_err < (1.0 - LOWERS) * bare.mean_err and tells_apart(at, bare)
+    here = at.posterior.evidence
+    return here - bare.posterior.evidence > max(WORTH, LOWERS * (here - least))
 
 
 def _strained(

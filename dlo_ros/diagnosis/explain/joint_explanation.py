@@ -158,22 +158,28 @@ def _concluded(
     found = replace(found, at=best_sized(found.at, recordings))
     judged, near = found.at, _near_shapes(found.at, recordings, given)
     complete = _is_complete(near, recordings, given)
-    found, bares, pruned = without_needless(found, recordings, begun, complete=complete)
+    least = setup.posterior.evidence
+    found, bares, pruned = without_needless(found, recordings, begun, least, complete=complete)
     found, setup = _one_minimum(found, setup)
     if not complete and not found.causes:  # it may be another minimum, with dampings far off
-        found, bares, more = without_needless(found, recordings, begun, complete=False)
+        found, bares, more = without_needless(found, recordings, begun, least, complete=False)
         setup, pruned = found.at, {**pruned, **more}
     if found.at is not judged:
         near = _near_shapes(found.at, recordings, given)
+    LOG.info(
+        "explained by %s: log evidence %.1f, %.3f mm",
+        ", ".join(c.label for c in found.causes) or "the set-up",
+        found.at.posterior.evidence, 1e3 * near.mean_err,
+    )  # fmt: skip
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(near, recordings)
     material = material_err(own, given)
-    least = _nameable_err(found, setup, prepared, own)
+    nameable = _nameable_err(found, setup, prepared, own)
 
     def naming() -> tuple[tuple[Cause, ...], Shifts]:
         whole = near.mean_err < material
         causes, shifts = named(
-            found, setup, bares, recordings, begun, own, least, exact=exact, complete=whole
+            found, setup, bares, recordings, begun, own, nameable, exact=exact, complete=whole
         )
         causes = beside_contact(causes, contact, complete=whole)
         if not whole:
@@ -184,7 +190,7 @@ def _concluded(
 
     # A result that is the set-up alone stays the set-up.
     return Explanation(
-        near if setup is found.at else setup, near, (), own, material, least, found.causes,
+        near if setup is found.at else setup, near, (), own, material, nameable, found.causes,
         found.trace, pruned, exact, contact, naming,
     )  # fmt: skip
 
