@@ -82,8 +82,7 @@ def search(
     The search ends with a cause, not the first one, that takes too little of ERR away to be named,
     or where nothing is left that matters and no proposal takes more by its first steps. The laws of
     the causes before it differ from the true ones; many effects can compensate for a little of that
-    difference, and none of them is its reason. Such a cause stays in the model where nothing that
-    matters is left with it, or where it bears a share of what all causes gain.
+    difference, and none of them is its reason.
 
     Args:
         at: the joint model with its set-up within tolerance, fitted.
@@ -99,13 +98,6 @@ def search(
             still come would not reach it if each raised the evidence as much as the last one: the
             first ones raise it most.
     """
-    least_evidence = at.posterior.evidence
-
-    def left_out(found: Trial, bare: Evaluation) -> bool:
-        """Whether naming would leave out what takes little, as something stays unexplained."""
-        stays = found[1].start is not None and bears_a_share(found[0], bare, least_evidence)
-        return _matters(found[0], recordings, enough) and not stays
-
     causes = list(present)
     dropped: set[str] = set()
     trace: list[Step] = []
@@ -147,10 +139,6 @@ def search(
                     found, causes = other, [c for c in causes if c.label != group.label]
                     little = False
                     break
-        if found is not None and number > 1 and little and left_out(found, at):
-            trace.append(_compared(number, found, at, "returned: takes too little"))
-            _tell(trace[-1:])
-            found = None
         if found is None:
             break
         gain = found[0].posterior.evidence - at.posterior.evidence
