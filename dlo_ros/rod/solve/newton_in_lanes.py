@@ -29,7 +29,7 @@ from dlo_ros.rod.lanes.simd_tables import Tables, addresses
 from dlo_ros.rod.lanes.span_lanes import with_room
 from dlo_ros.rod.simd.eight_lanes import LANES, address, entry, load, put_entry, rows, spread, store
 from dlo_ros.rod.solve.newton_iteration import MAX_NEWTON, PATIENCE
-from dlo_ros.rod.solve.step_back import remaining_share
+from dlo_ros.rod.solve.step_back import remaining_share, work_unforeseen
 from dlo_ros.spline import FloatArray
 
 PLANE = 2
@@ -56,12 +56,14 @@ class PlanarLanes(NamedTuple):
     tension: FloatArray  # (nb, LANES) times weights
 
 
-class Bending(NamedTuple):
-    """What the law makes of a shape in the plane, at the quadrature points, all (nb,)."""
+class Response(NamedTuple):
+    """What a law that is not linear and surroundings make of a shape in the plane."""
 
-    curvature: FloatArray  # [1/m]
-    moment: FloatArray  # [N m]
-    tangent: FloatArray  # [N m^2]
+    curvature: FloatArray  # (nb,) [1/m]
+    moment: FloatArray  # (nb,) [N m]
+    tangent: FloatArray  # (nb,) [N m^2]
+    forces: FloatArray  # (2 n,) [N], by which the gradient is larger
+    stiffness: FloatArray  # (2 n, 8) [N/m], lower rows of their tangent
 
 
 def planar_lanes(tables: Tables, *, usable: bool) -> PlanarLanes:
@@ -123,25 +125,22 @@ def implicit_step(lanes, q, target, fixed, rule, matter, stretch, longer, inerti
     _begin(lanes, q, target, fixed, rule, matter, stretch, longer, inertia, rhs)
     linear = matter.law.active == 0.0 and matter.law.slide == 0.0
     touching = any_surroundings(matter.around)
-    size, points = PLANE * n, 0 if linear else 3 * tables.spans
-    bent, line = _no_bending(points), _no_bending(points)
-    pull, promised = np.empty(0 if linear else size), 0.0
-    forces, stiff = np.empty(size if touching else 0), np.empty((size if touching else 0, COLUMN))
+    smooth = linear and not touching
+    points, size = 0 if linear else 3 * tables.spans, PLANE * n if touching else 0
+    here, line = _no_response(points, size), _no_response(points, size)
+    pull, promised = np.empty(0 if smooth else PLANE * n), 0.0
     # A DLO may touch a body in this step that was far away before; and where it slips through a
     # grip, the tension of its false stretch differs from step to step.
     before, ratio = 0.0, 1.0 if touching or longer != 1.0 else pace[0] ** AGEING
     for iteration in range(1, MAX_NEWTON + 1):
-        if not linear:
-            _bend(lanes, matter, bent)
+        if not smooth:
+            _respond(lanes, q, rule, matter, here)
             if iteration > 1:
-                before *= _retreat(lanes, q, rule, matter, promised, line, bent)
-            _touch(lanes, rule, bent, line)
+                before *= _retreat(lanes, q, rule, matter, promised, line, here)
+            _take(lanes, rule, here, line)
         assemble(lanes.q, tables, law, scratch, lanes.matrix, lanes.tension, iteration == 1)
         if touching:
-            forces[:] = 0.0
-            stiff[:, :] = 0.0
-            add_contact_and_friction(q, rule, matter.around, matter.internal.anchor, forces, stiff)
-            _add(tables, scratch, forces, stiff)
+            _add(tables, scratch, line.forces, line.stiffness)
         residual(lanes.q, lanes.matrix, lanes.rhs, scratch, tables)
         for i in range(pull.size):
             pull[i] = entry(scratch.step, LANES * i)
@@ -150,7 +149,7 @@ def implicit_step(lanes, q, target, fixed, rule, matter, stretch, longer, inerti
         for i in range(lo, hi):
             for c in range(PLANE):
                 x = entry(scratch.step, LANES * (PLANE * i + c))
-                if not linear:
+                if not smooth:
                     promised += x * pull[PLANE * i + c]
                 q[i, c] += x
                 store(lanes.q, PLANE * i + c, spread(q[i, c]))
@@ -199,60 +198,84 @@ def _begin(lanes, q, target, fixed, rule, matter, stretch, longer, inertia, rhs)
 
 
 @njit(from_python=False)
-def _no_bending(points):
-    """Room for what the law makes of a shape."""
-    return Bending(np.empty(points), np.empty(points), np.empty(points))
+def _no_response(points, size):
+    """Room for what law and surroundings make of a shape."""
+    return Response(
+        np.empty(points), np.empty(points), np.empty(points), np.empty(size),
+        np.empty((size, COLUMN)),
+    )  # fmt: skip
 
 
 @njit(from_python=False)
-def _bend(lanes, matter, bent):
-    """Write what the law makes of the present shape."""
-    strains(lanes.q, lanes.tables, lanes.stretch, lanes.bend)
-    for e in range(bent.curvature.size):
-        bent.curvature[e] = entry(lanes.bend, LANES * e)
-    moments_in_plane(bent.curvature, matter, bent.moment, bent.tangent)
+def _respond(lanes, q, rule, matter, here):
+    """Write what law and surroundings make of the present shape."""
+    if here.moment.size > 0:
+        strains(lanes.q, lanes.tables, lanes.stretch, lanes.bend)
+        for e in range(here.curvature.size):
+            here.curvature[e] = entry(lanes.bend, LANES * e)
+        moments_in_plane(here.curvature, matter, here.moment, here.tangent)
+    if here.forces.size > 0:
+        here.forces[:] = 0.0
+        here.stiffness[:, :] = 0.0
+        add_contact_and_friction(
+            q, rule, matter.around, matter.internal.anchor, here.forces, here.stiffness
+        )
 
 
 @njit(from_python=False)
-def _retreat(lanes, q, rule, matter, promised, line, bent):
-    """Take back what of the last correction goes too far for the law, see `remaining_share`.
+def _retreat(lanes, q, rule, matter, promised, line, here):
+    """Take back what of the last correction goes too far, see `remaining_share`.
 
     Args:
         promised: work of the forces along the correction, at its start.
-        line: what the law was taken for.
-        bent: what it is after the correction; becomes what it is after what stays of it.
+        line: what law and surroundings were taken for.
+        here: what they are after the correction; becomes what it is after what stays of it.
 
     Returns:
         The share of the correction that stays.
     """
-    share, tables = 1.0, lanes.tables
+    share, tables, step = 1.0, lanes.tables, lanes.scratch.step
+    moved = np.zeros(here.forces.size)
     while True:
-        unforeseen = 0.0
-        for e in range(bent.curvature.size):
-            change = bent.curvature[e] - line.curvature[e]
-            more = bent.moment[e] - line.moment[e] - line.tangent[e] * change
+        unforeseen, stiffer = 0.0, 0.0
+        for e in range(here.curvature.size):
+            change = here.curvature[e] - line.curvature[e]
+            more = here.moment[e] - line.moment[e] - line.tangent[e] * change
             unforeseen += rule.weight[e] * more * change
-        stays = remaining_share(promised, unforeseen, share)
+            stiffer += rule.weight[e] * (here.tangent[e] - line.tangent[e]) * change * change
+        if here.forces.size > 0:
+            for i in range(PLANE * tables.lo, PLANE * tables.hi):
+                moved[i] = share * entry(step, LANES * i)
+            against, more = work_unforeseen(
+                moved, line.forces, line.stiffness, here.forces, here.stiffness
+            )
+            unforeseen += against
+            stiffer += more
+        stays = remaining_share(promised, unforeseen / share, stiffer / share**2, share)
         if stays == share:
             return share
         for i in range(tables.lo, tables.hi):
             for c in range(PLANE):
                 k = PLANE * i + c
-                q[i, c] -= (share - stays) * entry(lanes.scratch.step, LANES * k)
+                q[i, c] -= (share - stays) * entry(step, LANES * k)
                 store(lanes.q, k, spread(q[i, c]))
         share = stays
-        _bend(lanes, matter, bent)
+        _respond(lanes, q, rule, matter, here)
 
 
 @njit(from_python=False)
-def _touch(lanes, rule, bent, line):
-    """Take the law for the straight line that touches it at the present curvature."""
+def _take(lanes, rule, here, line):
+    """Take law and surroundings for the straight lines that touch them at the present shape."""
     law = lanes.law
-    for e in range(bent.curvature.size):
-        line.curvature[e], line.moment[e] = bent.curvature[e], bent.moment[e]
-        line.tangent[e] = bent.tangent[e]
+    for e in range(here.curvature.size):
+        line.curvature[e], line.moment[e] = here.curvature[e], here.moment[e]
+        line.tangent[e] = here.tangent[e]
         store(law.bend, e, spread(rule.weight[e] * line.tangent[e]))
         store(law.bend_rest, e, spread(line.curvature[e] - line.moment[e] / line.tangent[e]))
+    for i in range(here.forces.size):
+        line.forces[i] = here.forces[i]
+        for k in range(COLUMN):
+            line.stiffness[i, k] = here.stiffness[i, k]
 
 
 @njit(from_python=False)

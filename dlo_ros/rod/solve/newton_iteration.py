@@ -11,6 +11,7 @@ import numpy as np
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements.constitutive_law import room
+from dlo_ros.rod.elements.contact_and_friction import any_surroundings
 from dlo_ros.rod.elements.rod_forces import (
     add_scalar_band,
     assemble,
@@ -30,7 +31,7 @@ from dlo_ros.rod.solve.constraints import (
     stiffen,
 )
 from dlo_ros.rod.solve.integrator_state import assign
-from dlo_ros.rod.solve.step_back import retreat
+from dlo_ros.rod.solve.step_back import press, retreat
 
 MAX_STATIC_ITERATIONS = 300
 MAX_NEWTON = 50
@@ -211,15 +212,19 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
     law = matter.law
     many = rule.weight.size if law.active != 0.0 or law.slide != 0.0 else 0
     strain, bent, pull = np.empty((many, 3)), room(many), np.empty(size)
+    pressed = size if any_surroundings(matter.around) else 0
+    forces, stiffness = np.empty(pressed), np.empty((pressed, 4 * dof))
     before, promised = 0.0, 0.0
     for iteration in range(1, MAX_NEWTON + 1):
         # The first correction moves what is imposed, too, which does not come back.
-        if many > 0 and iteration > 2:
+        if many + pressed > 0 and iteration > 2:
             before *= retreat(
-                q, steps[0], fixed, rule, matter, ref, promised, strain, response, bent
+                q, steps[0], fixed, rule, matter, ref, promised, strain, response, bent, forces,
+                stiffness,
             )  # fmt: skip
         if many > 0:
             assign(strain, strains(q, rule, ref)[1])
+        press(q, rule, matter, forces, stiffness)
         assemble(q, rule, ref, matter, response, predicted_tensions, gradient, band, grad_s, grad_o)
         add_scalar_band(band, inertia, spin, 1.0)
         multiply_scalar(inertia, spin, q, product)
