@@ -29,7 +29,7 @@ from dlo_ros.rod.lanes.simd_tables import Tables, addresses
 from dlo_ros.rod.lanes.span_lanes import with_room
 from dlo_ros.rod.simd.eight_lanes import LANES, address, entry, load, put_entry, rows, spread, store
 from dlo_ros.rod.solve.newton_iteration import MAX_NEWTON, PATIENCE
-from dlo_ros.rod.solve.step_back import remaining_share, work_unforeseen
+from dlo_ros.rod.solve.step_back import SHORTENINGS, remaining_share, work_unforeseen
 from dlo_ros.spline import FloatArray
 
 PLANE = 2
@@ -236,7 +236,7 @@ def _retreat(lanes, q, rule, matter, promised, line, here):
     """
     share, tables, step = 1.0, lanes.tables, lanes.scratch.step
     moved = np.zeros(here.forces.size)
-    while True:
+    for _ in range(SHORTENINGS):
         unforeseen, stiffer = 0.0, 0.0
         for e in range(here.curvature.size):
             change = here.curvature[e] - line.curvature[e]
@@ -253,7 +253,7 @@ def _retreat(lanes, q, rule, matter, promised, line, here):
             stiffer += more
         stays = remaining_share(promised, unforeseen / share, stiffer / share**2, share)
         if stays == share:
-            return share
+            break
         for i in range(tables.lo, tables.hi):
             for c in range(PLANE):
                 k = PLANE * i + c
@@ -261,6 +261,7 @@ def _retreat(lanes, q, rule, matter, promised, line, here):
                 store(lanes.q, k, spread(q[i, c]))
         share = stays
         _respond(lanes, q, rule, matter, here)
+    return share
 
 
 @njit(from_python=False)

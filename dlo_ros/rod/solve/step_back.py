@@ -16,6 +16,7 @@ from dlo_ros.rod.elements.contact_and_friction import add_contact_and_friction
 from dlo_ros.rod.elements.rod_forces import strains
 
 OVERSHOOT = 0.5  # work against a correction at its end, over that for it at its start
+SHORTENINGS = 30  # of one correction: most take one or two
 
 
 @njit(inline="always")
@@ -91,7 +92,7 @@ def retreat(q, step, fixed, rule, matter, ref, promised, strain, line, bent, for
     """
     share, dof, size = 1.0, q.shape[1], forces.size
     moved, pressed, tangent = np.zeros(size), np.empty(size), np.empty(stiffness.shape)
-    while True:
+    for _ in range(SHORTENINGS):
         unforeseen, stiffer = 0.0, 0.0
         if strain.shape[0] > 0:
             stretch, other = strains(q, rule, ref)
@@ -115,9 +116,10 @@ def retreat(q, step, fixed, rule, matter, ref, promised, strain, line, bent, for
             stiffer += more
         stays = remaining_share(promised, unforeseen / share, stiffer / share**2, share)
         if stays == share:
-            return share
+            break
         for i in range(q.shape[0]):
             for c in range(dof):
                 if not fixed[dof * i + c]:
                     q[i, c] -= (share - stays) * step[dof * i + c]
         share = stays
+    return share
