@@ -141,7 +141,7 @@ def test_impacts_gain_no_energy(angle):
         energies.append(total_energy(model, state))
     lost = energies[0] - energies[-1]
     assert lost > 5e-3  # [J]
-    # What a step leaves is chance in an impact, and differs between processors: 2e-3 to 7e-3.
+    # The error of a step through an impact is chance, and differs between processors: 2e-3 to 7e-3.
     assert np.max(energies - np.minimum.accumulate(energies)) < 1e-2 * lost
     shape = model.basis.evaluate(state.q, U)
     height = np.sin(angle) * shape[:, 0] + np.cos(angle) * shape[:, 2]

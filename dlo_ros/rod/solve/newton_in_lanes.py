@@ -57,7 +57,7 @@ class PlanarLanes(NamedTuple):
 
 
 class Response(NamedTuple):
-    """What a law that is not linear and surroundings make of a shape in the plane."""
+    """Moments of a law that is not linear, and forces of the surroundings, in a shape of the plane."""
 
     curvature: FloatArray  # (nb,) [1/m]
     moment: FloatArray  # (nb,) [N m]
@@ -199,7 +199,7 @@ def _begin(lanes, q, target, fixed, rule, matter, stretch, longer, inertia, rhs)
 
 @njit(from_python=False)
 def _no_response(points, size):
-    """Room for what law and surroundings make of a shape."""
+    """Room for the moments and forces in a shape."""
     return Response(
         np.empty(points), np.empty(points), np.empty(points), np.empty(size),
         np.empty((size, COLUMN)),
@@ -208,7 +208,7 @@ def _no_response(points, size):
 
 @njit(from_python=False)
 def _respond(lanes, q, rule, matter, here):
-    """Write what law and surroundings make of the present shape."""
+    """Write moments and forces in the present shape."""
     if here.moment.size > 0:
         strains(lanes.q, lanes.tables, lanes.stretch, lanes.bend)
         for e in range(here.curvature.size):
