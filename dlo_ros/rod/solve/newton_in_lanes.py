@@ -15,7 +15,7 @@ import numpy as np
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements.constitutive_law import moments_in_plane
-from dlo_ros.rod.elements.contact_and_friction import add_contact_and_friction, any_surroundings
+from dlo_ros.rod.elements.contact_and_friction import any_surroundings
 from dlo_ros.rod.lanes.simd_kernels import (
     COLUMN,
     BatchLaw,
@@ -29,7 +29,7 @@ from dlo_ros.rod.lanes.simd_tables import Tables, addresses
 from dlo_ros.rod.lanes.span_lanes import with_room
 from dlo_ros.rod.simd.eight_lanes import LANES, address, entry, load, put_entry, rows, spread, store
 from dlo_ros.rod.solve.newton_iteration import MAX_NEWTON, PATIENCE
-from dlo_ros.rod.solve.step_back import SHORTENINGS, remaining_share, work_unforeseen
+from dlo_ros.rod.solve.step_back import SHORTENINGS, press, remaining_share, work_unforeseen
 from dlo_ros.spline import FloatArray
 
 PLANE = 2
@@ -57,7 +57,7 @@ class PlanarLanes(NamedTuple):
 
 
 class Response(NamedTuple):
-    """Moments of a law that is not linear, and forces of the surroundings, in a shape of the plane."""
+    """Moments of a law that is not linear, and forces of the surroundings, in a planar shape."""
 
     curvature: FloatArray  # (nb,) [1/m]
     moment: FloatArray  # (nb,) [N m]
@@ -214,12 +214,7 @@ def _respond(lanes, q, rule, matter, here):
         for e in range(here.curvature.size):
             here.curvature[e] = entry(lanes.bend, LANES * e)
         moments_in_plane(here.curvature, matter, here.moment, here.tangent)
-    if here.forces.size > 0:
-        here.forces[:] = 0.0
-        here.stiffness[:, :] = 0.0
-        add_contact_and_friction(
-            q, rule, matter.around, matter.internal.anchor, here.forces, here.stiffness
-        )
+    press(q, rule, matter, here.forces, here.stiffness)
 
 
 @njit(from_python=False)
