@@ -138,8 +138,8 @@ def without_needless(
     mends that model's laws a little in these manipulations, and in others that makes matters worse.
     There only what brings the model nearer to the shapes is kept, or an effect that bears a share
     of what all causes gain; numbers of the set-up that bring it no nearer are within their
-    tolerance again. Guessed dampings are tried first: one has its
-    guess again where the model, with all added effects, does as well with the guess.
+    tolerance again. Guessed dampings are tried first: one has its guess again where the model, with
+    all added effects, does as well with the guess.
     What is left out already counts: all of it together must do as little as one may.
 
     Args:

@@ -211,13 +211,14 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
     lack = np.empty(gap.size)
     law = matter.law
     many = rule.weight.size if law.active != 0.0 or law.slide != 0.0 else 0
-    strain, bent, pull = np.empty((many, 3)), room(many), np.empty(size)
     pressed = size if any_surroundings(matter.around) else 0
+    smooth = many + pressed == 0
+    strain, bent, pull = np.empty((many, 3)), room(many), np.empty(0 if smooth else size)
     forces, stiffness = np.empty(pressed), np.empty((pressed, 4 * dof))
     before, promised = 0.0, 0.0
     for iteration in range(1, MAX_NEWTON + 1):
         # The first correction moves what is imposed, too, which does not come back.
-        if many + pressed > 0 and iteration > 2:
+        if not smooth and iteration > 2:
             before *= retreat(
                 q, steps[0], fixed, rule, matter, ref, promised, strain, response, bent, forces,
                 stiffness,
@@ -239,7 +240,8 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
         if negative < 0:
             return -iteration, negative
         step = steps[0]
-        assign(pull, step)
+        if not smooth:
+            assign(pull, step)
         banded_factorisation.solve(band, diagonal, step)
         # Fixed degrees of freedom have no columns in `pins`; their share is in `gap` already.
         if gap.size > 0:
@@ -256,7 +258,8 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
             for c in range(dof):
                 k = dof * i + c
                 q[i, c] = target[i, c] if fixed[k] else q[i, c] + step[k]
-                promised += 0.0 if fixed[k] else pull[k] * step[k]
+                if not (smooth or fixed[k]):
+                    promised += pull[k] * step[k]
         predicted_tensions = tension_room
         predict_tensions(rule, response, grad_s, steps, predicted_tensions)
         # Where corrections shrink, the next one is smaller than this one in the same ratio.
