@@ -39,7 +39,7 @@ def best_of(
         fits: evidence and ERR [m] of short fits.
         ends: the same of those that are fitted to the end, where that is not where they began.
         promised: predicted gains, of which the first come nearest; default: all gain alike.
-        least: see `best_trial`.
+        least: see `best_trials`.
         near: ERR [m] to which fits can come, by their evidence; default: that of the fits.
         vitals: names of those on which E depends.
         begun: names of those whose fits have begun already.
@@ -80,8 +80,8 @@ def best_of(
     monkeypatch.setattr(candidate_trials, "fit", long)
     at = evaluation(0.0, 2e-3)
     trials = [(evaluation(*fits[name]), proposals[name]) for name in begun]
-    best, trace = candidate_trials.best_trial(1, at, [(at, promises)], (), least, trials)
-    return best and best[1].label, {step.name: step.outcome for step in trace}
+    best, trace = candidate_trials.best_trials(1, at, [(at, promises)], (), least, trials)
+    return best[0][1].label if best else None, {step.name: step.outcome for step in trace}
 
 
 def test_what_gains_most_is_added(monkeypatch):

@@ -34,12 +34,12 @@ def test_where_nothing_matters_a_further_cause_must_come_nearer_at_once(monkeypa
     asked = []
     without_simulations(monkeypatch, own)
 
-    def best_trial(number, at, offers, recordings, least, begun):
+    def best_trials(number, at, offers, recordings, least, begun):
         assert not begun
         asked.append(least)
-        return ((evaluation(40.0, 0.6e-3), mass) if number == 1 else None), []
+        return ([(evaluation(40.0, 0.6e-3), mass)] if number == 1 else []), []
 
-    monkeypatch.setattr(cause_search, "best_trial", best_trial)
+    monkeypatch.setattr(cause_search, "best_trials", best_trials)
     found = cause_search.search(evaluation(0.0, 2e-3), None, (), (), 0.1e-3)
     assert [c.label for c in found.causes] == ["mass"]
     assert asked == [np.inf, pytest.approx(least)]
@@ -67,8 +67,10 @@ def test_the_search_ends_with_a_cause_that_takes_too_little_away_to_be_named(mon
     left = [1.9e-3, 0.6e-3, 0.58e-3, 0.3e-3]
     without_simulations(monkeypatch, 1e-3)
     monkeypatch.setattr(
-        cause_search, "best_trial",
-        lambda number, *_: ((evaluation(40.0 * number, left[number - 1]), offers[number - 1]), []),
+        cause_search, "best_trials",
+        lambda number, *_: (
+            [(evaluation(40.0 * number, left[number - 1]), offers[number - 1])], []
+        ),
     )  # fmt: skip
     found = cause_search.search(evaluation(0.0, 2e-3), None, (), starts, 0.1e-3)
     assert [c.label for c in found.causes] == ["effect 0", "effect 1", "effect 2"]
@@ -82,12 +84,12 @@ def test_a_search_ends_where_its_evidence_can_hardly_be_enough(monkeypatch, want
     offers = [SimpleNamespace(label=f"e{k}", effect=f"e{k}", start=object()) for k in range(4)]
     without_simulations(monkeypatch, 0.1e-3)
 
-    def best_trial(number, *_):
+    def best_trials(number, *_):
         if number > len(offers):
-            return None, []
-        return (evaluation(gains[number - 1], left[number - 1]), offers[number - 1]), []
+            return [], []
+        return [(evaluation(gains[number - 1], left[number - 1]), offers[number - 1])], []
 
-    monkeypatch.setattr(cause_search, "best_trial", best_trial)
+    monkeypatch.setattr(cause_search, "best_trials", best_trials)
     found = cause_search.search(
         evaluation(0.0, 2e-3), None, (), (), 0.1e-3, present=offers[:1], wanted=wanted
     )
@@ -103,11 +105,11 @@ def test_what_was_hit_competes_with_the_other_causes(monkeypatch, evidence, firs
     others = iter([wall if evidence else None, delay])
     without_simulations(monkeypatch, 1e-3)
 
-    def best_trial(number, at, *_):
+    def best_trials(number, at, *_):
         other = next(others)
-        return (other and (evaluation(40.0 * number, 0.5e-3 / number), other)), []
+        return ([(evaluation(40.0 * number, 0.5e-3 / number), other)] if other else []), []
 
-    monkeypatch.setattr(cause_search, "best_trial", best_trial)
+    monkeypatch.setattr(cause_search, "best_trials", best_trials)
     hit = (evaluation(evidence or 1e3, 0.5e-3), peg)
     found = cause_search.search(evaluation(0.0, 2e-3), None, (), (), 0.3e-3, hit)
     assert [c.label for c in found.causes] == [first, "delay"]
@@ -120,13 +122,40 @@ def test_what_begins_far_away_is_looked_for_beside_a_first_cause(monkeypatch, le
     """Where that leaves something, and once."""
     without_simulations(monkeypatch, 1e-3)
     wall, plug = (SimpleNamespace(label=n, effect=n, start=object()) for n in ("wall", "plug"))
-    trials = iter([(evaluation(90.0, left), wall), None, None])
-    monkeypatch.setattr(cause_search, "best_trial", lambda *_: (next(trials), []))
+    trials = iter([[(evaluation(90.0, left), wall)], [], []])
+    monkeypatch.setattr(cause_search, "best_trials", lambda *_: (next(trials), []))
     beside = iter([(evaluation(150.0, 1.5e-3), plug)])
     monkeypatch.setattr(cause_search, "_far_beside", lambda *_: next(beside))
     found = cause_search.search(evaluation(0.0, 9e-3), None, (), (), 0.5e-3)
     assert [c.label for c in found.causes] == causes
     assert [s.name for s in found.trace] == causes[1:]
+
+
+@pytest.mark.parametrize(
+    ("gains", "second"),
+    [
+        ({"mass": 100.0, "plug": 85.0, "creep": 20.0}, "plug"),
+        ({"mass": 100.0, "plug": 75.0}, None),  # clearly less
+        ({"mass": 100.0, "mass elsewhere": 95.0, "tilt": 90.0}, None),  # no other effect
+        ({"mass": 100.0}, None),
+    ],
+)
+def test_the_second_first_cause_is_known_where_it_gains_nearly_as_much(monkeypatch, gains, second):
+    without_simulations(monkeypatch, 1e-3)
+    first = [
+        (
+            evaluation(gain, 0.2e-3),
+            SimpleNamespace(
+                label=n, effect=n.split()[0], start=None if n == "tilt" else object()
+            ),
+        )
+        for n, gain in gains.items()
+    ]  # fmt: skip
+    trials = iter([first, []])
+    monkeypatch.setattr(cause_search, "best_trials", lambda *_: (next(trials), []))
+    found = cause_search.search(evaluation(0.0, 2e-3), None, (), (), 0.1e-3)
+    assert [c.label for c in found.causes] == ["mass"]
+    assert (found.second[1].label if found.second else None) == second
 
 
 def test_nothing_begins_far_away_beside_what_has_begun_so_itself():
@@ -139,8 +168,8 @@ def test_a_contact_that_explains_all_that_matters_competes_as_well(monkeypatch):
     """A peg explained all where the model lacked a kink, and was named for it."""
     without_simulations(monkeypatch, 1e-3)
     peg, kink = (SimpleNamespace(label=n, effect=n, start=object()) for n in ("peg", "kink"))
-    trials = iter([(evaluation(90.0, 0.2e-3), kink), None])
-    monkeypatch.setattr(cause_search, "best_trial", lambda *_: (next(trials), []))
+    trials = iter([[(evaluation(90.0, 0.2e-3), kink)], []])
+    monkeypatch.setattr(cause_search, "best_trials", lambda *_: (next(trials), []))
     hit = (evaluation(50.0, 0.2e-3), peg)
     found = cause_search.search(evaluation(0.0, 2e-3), None, (), (), 0.3e-3, hit)
     assert [c.label for c in found.causes] == ["kink"]
@@ -179,7 +208,7 @@ def test_a_strained_set_up_makes_way_for_the_effect_whose_work_it_does(
     )  # fmt: skip
     monkeypatch.setattr(cause_search, "_exchange", exchange)
     monkeypatch.setattr(
-        cause_search, "best_trial", lambda *_: ((evaluation(50.0, next(errs)), next(added)), [])
+        cause_search, "best_trials", lambda *_: ([(evaluation(50.0, next(errs)), next(added))], [])
     )
     at = evaluation(0.0, 8e-3)
     found = cause_search.search(at, None, (), (), 0.55e-3)
@@ -217,12 +246,12 @@ def test_a_search_begins_with_what_lies_far_off_where_it_is_needed(
 def test_where_the_set_up_is_strained_causes_are_looked_for_beside_a_neutral_one(monkeypatch):
     offers = []
 
-    def best_trial(number, at, given, recordings, *_):
+    def best_trials(number, at, given, recordings, *_):
         offers.append([e for e, _ in given])
-        return None, []
+        return [], []
 
     without_simulations(monkeypatch, 1e-3)
-    monkeypatch.setattr(cause_search, "best_trial", best_trial)
+    monkeypatch.setattr(cause_search, "best_trials", best_trials)
     monkeypatch.setattr(cause_search, "_offers_beside", lambda neutral, *_: [(neutral, [])])
     at = evaluation(0.0, 2e-3)
     cause_search.search(at, "neutral", (), (), 0.1e-3)

@@ -47,7 +47,8 @@ def test_pegs_touch_the_dlo_where_the_wall_does():
 @pytest.mark.parametrize(
     ("err", "goes_on_to", "evidence", "named", "rivals"),
     [
-        (0.5e-3, 1e-3, -50.0, "obstacle", []), (1e-3, None, 0.0, "wall", ["obstacle"]),
+        (0.5e-3, 1e-3, -50.0, "obstacle", []), (0.5e-3, 1e-3, -500.0, "wall", ["obstacle"]),
+        (1e-3, None, 0.0, "wall", ["obstacle"]),
         (1e-3, None, 50.0, "obstacle", ["wall"]), (1.3e-3, None, 50.0, "wall", []),
         (None, None, 0.0, "wall", []),
         # The wall's fit had not ended, and the peg's has just gone on.
@@ -77,6 +78,8 @@ def test_a_peg_that_comes_nearer_is_taken_and_one_as_near_is_a_rival_or_has_it(
     monkeypatch.setattr(module, "fitted", fitted)
     monkeypatch.setattr(module, "nearest_err", lambda e, _: e.mean_err)
     monkeypatch.setattr(module, "fit", fit)
+    apart = lambda better, other: better.posterior.evidence > 100.0 + other.posterior.evidence
+    monkeypatch.setattr(module, "tells_apart", apart)
     after, contact = with_peg_or_wall(found, None, ())
     assert len(tried) > 1
     assert [c.effect for c in after.causes] == [named]

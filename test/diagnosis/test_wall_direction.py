@@ -8,8 +8,9 @@ import pytest
 from rods import PAPER
 
 from dlo_ros.diagnosis.explain import candidate_trials
+from dlo_ros.diagnosis.explain.turned_walls import ANGLE, OFFSET
 from dlo_ros.diagnosis.findings import confirmed_uncertainty
-from dlo_ros.diagnosis.findings.wall_direction import ANGLE, OFFSET, turned, wall_factors
+from dlo_ros.diagnosis.findings.wall_direction import turned, wall_factors
 from dlo_ros.effects.start import Start
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import cause_priors

@@ -78,11 +78,11 @@ class Step:
     outcome: str
 
 
-def best_trial(
+def best_trials(
     number: int, at: Evaluation, offers: Sequence[tuple[Evaluation, Sequence[PredictedGain]]],
     recordings: Sequence[Recording], least: float = np.inf, begun: Sequence[Trial] = (),
-) -> tuple[Trial | None, list[Step]]:  # fmt: skip
-    """Fit the proposals of the largest predicted gains; return the best, if it is worth adding.
+) -> tuple[list[Trial], list[Step]]:  # fmt: skip
+    """Fit the proposals of the largest predicted gains; return those that may be worth adding.
 
     Args:
         number: number of the step, for the trace.
@@ -93,7 +93,8 @@ def best_trial(
         begun: proposals whose fits have begun already, with which the others compete.
 
     Returns:
-        The best trial, None where none is worth it, and what became of each proposal.
+        The best trial and those that gain less, of which the last fits have only begun; none where
+        the best is not worth it. And what became of each proposal.
     """
     checked, trace = _all_checked(number, offers, recordings)
     chosen, rest = _chosen(checked, at, least)
@@ -111,10 +112,12 @@ def best_trial(
     enough = CLEARLY_LESS * max((_gain(trial, at) for trial in trials), default=0.0)
     likely = [_continued(t, at, recordings) for t in trials if _gain(t, at) >= enough]
     others = [t for t in trials if _gain(t, at) < enough]
-    best: Trial | None = None
+    best: list[Trial] = []
     for k, trial in enumerate([*_best_first(likely, at), *_best_first(others, at)]):
         outcome = "fitted, but another gains more"
-        if best is None:
+        if best:
+            best.append(trial)
+        else:
             if k >= len(likely):
                 trial = _continued(trial, at, recordings)
             # A proposal with which predictions stay farther from the shapes is no explanation,
@@ -124,7 +127,8 @@ def best_trial(
             elif not comes_nearer(trial[0], at, recordings):
                 outcome = "makes matters worse"
             else:
-                best, outcome = trial, "added"
+                outcome = "added"
+                best.append(trial)
         gain = _gain(trial, at)
         trace.append(Step(number, trial[1].label, gain, trial[0].mean_err, outcome))
     return best, trace

@@ -19,7 +19,7 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     Step,
     Trial,
     begun_instead,
-    best_trial,
+    best_trials,
     best_with,
     fitted,
 )
@@ -45,7 +45,7 @@ from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import SLAB, ParametricModel
 from dlo_ros.inference.plain_rod import taken_for_plain
-from dlo_ros.inference.thresholds import INDISPENSABLE, LOWERS, OWN, WORTH
+from dlo_ros.inference.thresholds import CLEARLY_LESS, INDISPENSABLE, LOWERS, OWN, WORTH
 from dlo_ros.inference.variances import posterior
 
 LOG = logging.getLogger(__name__)
@@ -64,12 +64,15 @@ class Search:
         causes: causes in the order in which they were found.
         trace: every candidate of every step.
         offer: proposals of further causes for this model or one before it; None: not computed.
+        second: the fit with the first cause that would have been added if the best had not been
+            there, where it gained nearly as much.
     """
 
     at: Evaluation
     causes: tuple[Proposal, ...]
     trace: tuple[Step, ...]
     offer: Offer | None
+    second: Trial | None = None
 
 
 def search(
@@ -103,6 +106,7 @@ def search(
     trace: list[Step] = []
     offer: Offer | None = None
     exchanged: list[str] = []
+    second: Trial | None = None
     while len(causes) < MOST_CAUSES and (
         first is not None or at.mean_err > enough or _matters(at, recordings, 0.0)
     ):
@@ -120,8 +124,10 @@ def search(
         elif first is None and len(causes) == 1:
             first = _far_beside(at, causes[0], recordings, new)
         instead = begun_instead(at, recordings, new)
-        found, steps = best_trial(number, at, offers, recordings, least, instead)
+        trials, steps = best_trials(number, at, offers, recordings, least, instead)
+        found = trials[0] if trials else None
         if first is not None:
+            trials.append(first)
             found = best_with(first, found, at, recordings)
             outcome = "added" if found is first else "fitted, but another gains more"
             steps.append(_compared(number, first, at, outcome))
@@ -141,6 +147,8 @@ def search(
                     break
         if found is None:
             break
+        if not causes:
+            second = _second(trials, found, at)
         gain = found[0].posterior.evidence - at.posterior.evidence
         at, causes = found[0], [*causes, found[1]]
         if at.posterior.evidence + (MOST_CAUSES - number) * gain < wanted:
@@ -160,7 +168,23 @@ def search(
             dropped.add(cause.label)
         if little and number > 1:
             break
-    return Search(at, tuple(causes), tuple(trace), offer)
+    return Search(at, tuple(causes), tuple(trace), offer, second)
+
+
+def _second(trials: Sequence[Trial], found: Trial, at: Evaluation) -> Trial | None:
+    """The best trial of another effect than the one that is added, where it gains nearly as much.
+
+    While other causes are missing, evidence tells them apart no better than `CLEARLY_LESS`.
+
+    Args:
+        at: the model without them.
+    """
+    others = [t for t in trials if t[1].start is not None and t[1].effect != found[1].effect]
+    second = max(others, key=lambda t: t[0].posterior.evidence, default=None)
+    if second is None:
+        return None
+    gain, most = (t[0].posterior.evidence - at.posterior.evidence for t in (second, found))
+    return second if gain >= CLEARLY_LESS * most else None
 
 
 def _far_beside(
@@ -235,7 +259,8 @@ def _exchange(
     within = at.model.with_prior([p.returned(SLAB) for p in group.parameters])
     bare = _with_neutral(at, within, group)
     offers = [(e, _new(p, known)) for e, p in _offers_beside(bare, recordings, begun, offer)]
-    return best_trial(number, at, offers, recordings)
+    trials, steps = best_trials(number, at, offers, recordings)
+    return (trials[0] if trials else None), steps
 
 
 def _offers_beside(

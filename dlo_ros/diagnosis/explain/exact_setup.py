@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import Trial, best_trial
+from dlo_ros.diagnosis.explain.candidate_trials import Trial, best_trials
 from dlo_ros.diagnosis.explain.cause_search import Search, search
 from dlo_ros.diagnosis.explain.offered_effects import offered, ranked_proposals
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
@@ -113,17 +113,17 @@ def _searched(
     if known is not None:
         return beside(alone, known)
     ranked = ranked_proposals(alone, offered(alone, recordings, begun))
-    first, trace = best_trial(1, alone, [(alone, ranked)], recordings)
-    if first is None:
+    trials, trace = best_trials(1, alone, [(alone, ranked)], recordings)
+    if not trials:
         return Search(alone, (), tuple(trace), None)
-    there = beside(*first)
+    there = beside(*trials[0])
     trace += there.trace
     if len(there.causes) == 1 and not _white(there.at):
         others = [p for p in ranked if p.proposal.effect != there.causes[0].effect]
-        other, steps = best_trial(1, there.at, [(alone, others)], recordings)
+        trials, steps = best_trials(1, there.at, [(alone, others)], recordings)
         trace += steps
-        if other is not None:
-            there = beside(*other)
+        if trials:
+            there = beside(*trials[0])
             trace += there.trace
     return replace(there, trace=tuple(trace))
 

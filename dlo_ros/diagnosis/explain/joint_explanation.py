@@ -32,6 +32,8 @@ from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.explain.own_moments import for_recordings
 from dlo_ros.diagnosis.explain.peg_instead import with_peg_or_wall
 from dlo_ros.diagnosis.explain.peg_size import best_sized
+from dlo_ros.diagnosis.explain.second_beginning import best_of_beginnings
+from dlo_ros.diagnosis.explain.turned_walls import with_turned_wall
 from dlo_ros.effects import Scene, Start, effects, starts
 from dlo_ros.effects.base import ROD
 from dlo_ros.errors import SimulationError
@@ -112,6 +114,7 @@ def explain(
     contact = best_contact(prepared.setup, recordings, contacts)
     setup, first = _beginning(prepared, begun, contact, enough)
     found = search(setup, prepared.meant, recordings, begun, enough, first)
+    found = best_of_beginnings(found, prepared.meant, recordings, begun, enough)
     hit = contact.trial if contact is not None and contact.trial[1] in found.causes else None
     precise = beside_exact_set_up(found, prepared.meant, recordings, begun, enough, hit)
     exact = precise is not None
@@ -154,6 +157,7 @@ def _concluded(
 ) -> Explanation:  # fmt: skip
     """The explanation that a search has found, without needless causes; these are named later."""
     recordings, begun = prepared.recordings, starts(prepared.scene)
+    found = with_turned_wall(found, recordings)
     found, contact = with_peg_or_wall(found, contact, recordings)
     found = replace(found, at=best_sized(found.at, recordings))
     judged, near = found.at, _near_shapes(found.at, recordings, given)

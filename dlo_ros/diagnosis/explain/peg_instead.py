@@ -23,7 +23,7 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
 )
 from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.contact_trials import Contact
-from dlo_ros.diagnosis.explain.peg_size import curves
+from dlo_ros.diagnosis.explain.turned_walls import WALL, touched
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_proposals
 from dlo_ros.effects import Start
 from dlo_ros.effects.physics.obstacle import Obstacle
@@ -31,8 +31,9 @@ from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import fit, nearest_err
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.model_comparison import tells_apart
 from dlo_ros.inference.parameter import value_of
-from dlo_ros.inference.thresholds import LOWERS, SLACK
+from dlo_ros.inference.thresholds import LOWERS
 
 LOG = logging.getLogger(__name__)
 
@@ -59,7 +60,7 @@ def with_peg_or_wall(
         found = replace(found, at=fit(found.at, recordings, FIT_ITERATIONS))
         flat = nearest_err(found.at, recordings)
     LOG.info("a peg instead of the wall: %.3f mm, %.3f mm with it", 1e3 * round_, 1e3 * flat)
-    nearer = round_ < (1.0 - LOWERS) * flat
+    nearer = round_ < (1.0 - LOWERS) * flat and not tells_apart(found.at, at)
     as_near = (1.0 - LOWERS) * round_ <= flat
     if nearer or (as_near and gains(peg, found.at)):
         causes = tuple(proposal if c is wall else c for c in found.causes)
@@ -97,12 +98,9 @@ def peg_instead(at: Evaluation, wall: Proposal, recordings: Sequence[Recording])
 def pegs_touched(at: Evaluation) -> list[Start]:
     """Pegs of several sizes in the place of a model's wall, in touch with what it touches."""
     settings = at.model.settings
-    offset, angle = (value_of(settings, StraightWall.parameter(key)) for key in ("offset", "angle"))
-    away, half = normal(angle), 0.5 * settings.rod.diameter
-    points = curves(at)
-    depth = points @ away - offset - half
-    touched = points[depth <= max(SLACK, float(depth.min()))].mean(axis=0)
-    surface = touched - (float(touched @ away) - offset) * away
+    offset, angle = (value_of(settings, name) for name in WALL)
+    away, place = normal(angle), touched(at)
+    surface = place - (float(place @ away) - offset) * away
     centres = [surface - radius * away for radius in RADII]
     return [
         TouchedPeg(float(x), float(z), radius).start(settings.rod.diameter)

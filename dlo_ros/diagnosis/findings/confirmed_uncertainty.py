@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dlo_ros.diagnosis.explain.peg_size import PEG, peg_factors
-from dlo_ros.diagnosis.findings.wall_direction import WALL, wall_factors
+from dlo_ros.diagnosis.explain.turned_walls import WALL
+from dlo_ros.diagnosis.findings.wall_direction import wall_factors
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, borrowed
 from dlo_ros.inference.losses import misfit

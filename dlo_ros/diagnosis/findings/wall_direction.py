@@ -14,13 +14,13 @@ import numpy as np
 from dlo_ros.diagnosis.contact.wall_places import normal
 from dlo_ros.diagnosis.explain.candidate_trials import refit_loss
 from dlo_ros.diagnosis.explain.peg_size import LEAST_LOSS
+from dlo_ros.diagnosis.explain.turned_walls import ANGLE, OFFSET
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import WORTH
 
-WALL = OFFSET, ANGLE = tuple(f"effects.{StraightWall.name}.{key}" for key in ("offset", "angle"))
 TURNS = (0.3, 0.1)
 """Angles by which a wall is turned either way [rad]."""
 

@@ -1,0 +1,45 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A search that begins with the cause that gained second most.
+
+Of several causes the wrong one may explain most while the others are missing: a mass at the end
+does most of what a plug does whose grip gives. No later step leads from the one to the other where
+what stands beside it has to change, too.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+from dlo_ros.diagnosis.explain.candidate_trials import FIT_ITERATIONS, comes_nearer
+from dlo_ros.diagnosis.explain.cause_search import Search, search
+from dlo_ros.effects import Start
+from dlo_ros.inference.joint_fit import fit
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.thresholds import WORTH
+
+LOG = logging.getLogger(__name__)
+
+
+def best_of_beginnings(
+    found: Search, neutral: ParametricModel, recordings: Sequence[Recording],
+    begun: Sequence[Start], enough: float,
+) -> Search:  # fmt: skip
+    """A search's result, or that of one that begins with its second cause and explains more.
+
+    Args:
+        found: the result; nothing is searched where the second cause is part of it.
+        neutral, begun, enough: see `cause_search.search`.
+    """
+    if found.second is None or found.second[1].effect in {c.effect for c in found.causes}:
+        return found
+    at, cause = found.second
+    there = fit(at, recordings, FIT_ITERATIONS)
+    wanted = found.at.posterior.evidence + WORTH
+    other = search(there, neutral, recordings, begun, enough, present=(cause,), wanted=wanted)
+    gain = other.at.posterior.evidence - found.at.posterior.evidence
+    LOG.info("begun with %s: %+.1f in evidence", cause.label, gain)
+    better = gain >= WORTH and comes_nearer(other.at, found.at, recordings)
+    return replace(other if better else found, trace=(*found.trace, *other.trace))

@@ -1,0 +1,92 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A wall in other directions about the place that is touched, which tells little of its direction.
+
+A wall is fitted before the causes beside it are known, from a direction that the errors without it
+suggest. Simulations of an impact are rough, so that a fit does not turn far.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+from dlo_ros.diagnosis.contact.wall_places import TouchedWall, normal
+from dlo_ros.diagnosis.explain.candidate_trials import (
+    FIRST_ITERATIONS,
+    FIT_ITERATIONS,
+    Trial,
+    fitted,
+    gains,
+)
+from dlo_ros.diagnosis.explain.cause_search import Search
+from dlo_ros.diagnosis.explain.peg_size import curves
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_proposals
+from dlo_ros.effects.physics.wall import StraightWall
+from dlo_ros.inference.joint import Evaluation
+from dlo_ros.inference.joint_fit import fit
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import value_of
+from dlo_ros.inference.thresholds import SLACK
+from dlo_ros.spline import FloatArray
+
+LOG = logging.getLogger(__name__)
+
+WALL = OFFSET, ANGLE = tuple(StraightWall.parameter(key) for key in ("offset", "angle"))
+TURN = 0.25
+"""Angle by which a wall is turned at once [rad]: within it, fits find the direction."""
+MOST_TURNS = 4
+"""Turns to one side at most: a wall that is turned further would meet the DLO elsewhere."""
+
+
+def with_turned_wall(found: Search, recordings: Sequence[Recording]) -> Search:
+    """A search's result with its wall in the direction that explains most, beside all it found."""
+    wall = next((c for c in found.causes if c.effect == StraightWall.name), None)
+    if wall is None:
+        return found
+    best = found.at, wall
+    for side in (TURN, -TURN):
+        for _ in range(MOST_TURNS):
+            there = _turned(best[0], wall, side, recordings)
+            if there is None or not gains(there, best[0]):
+                break
+            best = there
+        if best[1] is not wall:
+            break
+    at, proposal = best
+    if proposal is wall:
+        return found
+    at = fit(at, recordings, FIT_ITERATIONS)
+    gained = at.posterior.evidence - found.at.posterior.evidence
+    LOG.info("the wall is turned by %+.2f rad: %+.1f", _angle(at) - _angle(found.at), gained)
+    causes = tuple(proposal if c is wall else c for c in found.causes)
+    return replace(found, at=at, causes=causes)
+
+
+def touched(at: Evaluation) -> FloatArray:
+    """Mean of the places x, z of a DLO's axis [m] that touch its wall, or of those that are nearest
+    to it where none does, shape (2,).
+    """
+    settings = at.model.settings
+    points = curves(at)
+    depth = points @ normal(_angle(at)) - value_of(settings, OFFSET) - 0.5 * settings.rod.diameter
+    there: FloatArray = points[depth <= max(SLACK, float(depth.min()))].mean(axis=0)
+    return there
+
+
+def _turned(
+    at: Evaluation, wall: Proposal, turn: float, recordings: Sequence[Recording]
+) -> Trial | None:
+    """The first steps of a fit with a wall that is turned [rad] about where it is touched."""
+    bare = at.model.without([p.name for p in wall.parameters])
+    x, z = touched(at).tolist()
+    there = TouchedWall(x, z, _angle(at) + turn)
+    proposal = proposal_of(bare.settings, there.start(bare.settings.rod.diameter))
+    model, _ = with_proposals(bare, [proposal])
+    begun = fitted(model, recordings, FIRST_ITERATIONS, draft=True)
+    return None if begun is None else (begun, proposal)
+
+
+def _angle(at: Evaluation) -> float:
+    """Direction of the wall's normal against z [rad]."""
+    return value_of(at.model.settings, ANGLE)
