@@ -32,6 +32,7 @@ from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.joint import Evaluation, simulate
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.priors import joint_model
 from dlo_ros.inference.thresholds import CLEARLY_LESS
 from dlo_ros.parameters import Settings
 
@@ -139,7 +140,8 @@ def _met(
     if begun.prepared.setup.mean_err < material_err(0.0, given):
         return []
     progress("looking for what was hit", 0.0)
-    return contacts_beside_set_up(rough(), given, plain, begun.prepared.scene)
+    model = joint_model(plain.model.settings, given, begun.prepared.scene)
+    return contacts_beside_set_up(rough(), given, model)
 
 
 def _learned(beginning: Beginning, count: int) -> Evaluation:

@@ -20,7 +20,7 @@ from dlo_ros.identification.offline.drafts import drafts
 from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.identification.residual_noise import whitened
 from dlo_ros.inference.joint import simulate
-from dlo_ros.inference.priors import cause_priors
+from dlo_ros.inference.priors import cause_priors, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import SplineBasis
@@ -204,7 +204,9 @@ def looked_for(settings, beginning):
     rough = drafts(beginning.recordings, beginning.at)
     names = imposed_names(d.manipulation for d in rough)
     here = scene(settings, names, [d.observed for d in rough])
-    return contacts_beside_set_up(rough, settings, beginning.at, here)
+    return contacts_beside_set_up(
+        rough, settings, joint_model(beginning.at.model.settings, settings, here)
+    )
 
 
 @pytest.mark.slow
@@ -240,7 +242,7 @@ def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
         observed = r.observed.copy()
         observed[..., 1] += 0.1 * settings.rod.length
         aloft.append(replace(r, observed=observed))
-    assert contacts_beside_set_up(aloft, settings, beginning.at, None) == []
+    assert contacts_beside_set_up(aloft, settings, beginning.at.model) == []
 
 
 @pytest.mark.slow

@@ -21,6 +21,7 @@ from dlo_ros.inference.joint import evaluate, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import WHITE
 from dlo_ros.inference.measured import measured
+from dlo_ros.inference.priors import joint_model
 from dlo_ros.inference.scene import scene
 from dlo_ros.inference.thresholds import CERTAIN
 
@@ -54,7 +55,7 @@ def test_what_was_right_before_tells_of_what_was_wrong(first, far):
     together = fit(start, recordings, 8, loss=WHITE)
     assert abs(modulus(together) - 1.0) > 0.02
     view = scene(KNOWN, ["start"], [r.observed for r in recordings])
-    found = undisturbed(recordings, KNOWN, together, view)
+    found = undisturbed(recordings, joint_model(together.model.settings, KNOWN, view))
     assert found is not None
     assert modulus(found.at) == pytest.approx(1.0, abs=0.01)
     (wrong,) = outlier_frames(found.at, recordings, found.scale)
@@ -70,7 +71,7 @@ def test_where_nothing_was_hit_nothing_is_disturbed():
     recordings, start = pushed_aside(1.0)
     together = fit(start, recordings, 8, loss=WHITE)
     view = scene(KNOWN, ["start"], [r.observed for r in recordings])
-    assert undisturbed(recordings, KNOWN, together, view) is None
+    assert undisturbed(recordings, joint_model(together.model.settings, KNOWN, view)) is None
 
 
 def test_where_the_nearest_fit_finds_nothing_the_next_is_taken(monkeypatch):
@@ -84,5 +85,5 @@ def test_where_the_nearest_fit_finds_nothing_the_next_is_taken(monkeypatch):
 
     monkeypatch.setattr("dlo_ros.diagnosis.contact.undisturbed._fitted", fitted)
     view = scene(KNOWN, ["start"], [r.observed for r in recordings])
-    assert undisturbed(recordings, KNOWN, start, view) is not None
+    assert undisturbed(recordings, joint_model(start.model.settings, KNOWN, view)) is not None
     assert len(calls) == len(LEADS) + 2

@@ -23,11 +23,11 @@ from dlo_ros.diagnosis.contact.undisturbed import (
     undisturbed,
 )
 from dlo_ros.diagnosis.contact.wall_places import TouchedWall, walls
-from dlo_ros.effects import Scene, Start
+from dlo_ros.effects import Start
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, evaluate, simulate
+from dlo_ros.inference.joint import evaluate, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import WHITE
 from dlo_ros.inference.measured import Recording
@@ -135,7 +135,7 @@ class ContactBesideSetUp:
 
 
 def contacts_beside_set_up(
-    drafts: Sequence[Recording], given: Settings, at: Evaluation, scene: Scene
+    drafts: Sequence[Recording], given: Settings, model: ParametricModel
 ) -> list[ContactBesideSetUp]:
     """Pegs and walls that the DLO may have hit, beside a set-up off within its tolerances.
 
@@ -144,12 +144,11 @@ def contacts_beside_set_up(
     Args:
         drafts: the recordings with a coarse simulation, to try contacts with.
         given: the parameter file.
-        at: the plain model, fitted to all pictures.
-        scene: size, clamps and reach of the motion in the recordings.
+        model: the joint model without them, from which a fit to undisturbed pictures begins.
     """
-    if EFFECTS & set(at.model.settings.effects) or _in_space(drafts, given):
+    if EFFECTS & set(model.settings.effects) or _in_space(drafts, given):
         return []
-    before = undisturbed(drafts, given, at, scene)
+    before = undisturbed(drafts, model)
     if before is None:
         return []
     return [ContactBesideSetUp(before.model, start) for start in _contacts(drafts, given, before)]

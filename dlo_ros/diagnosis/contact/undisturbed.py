@@ -13,14 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.effects import Scene
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference import joint, joint_fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.priors import joint_model
 from dlo_ros.inference.thresholds import CERTAIN, FEWEST
-from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 LEADS = (0.12, 0.25, 0.5)
@@ -46,21 +43,16 @@ class Undisturbed:
     scale: float
 
 
-def undisturbed(
-    drafts: Sequence[Recording], given: Settings, at: joint.Evaluation, scene: Scene
-) -> Undisturbed | None:
-    """Fit the joint model to the beginnings of recordings, before the first outlier frame.
+def undisturbed(drafts: Sequence[Recording], model: ParametricModel) -> Undisturbed | None:
+    """Fit a joint model to the beginnings of recordings, before the first outlier frame.
 
     Args:
         drafts: the recordings with a coarse simulation.
-        given: the parameter file.
-        at: the plain model, fitted to all pictures.
-        scene: size, clamps and reach of the motion in the recordings.
+        model: the joint model with which the fits begin.
 
     Returns:
         None where no picture deviates clearly more than those that are fitted.
     """
-    model = joint_model(at.model.settings, given, scene)
     fits = [
         _fitted(drafts, model, [max(FEWEST, round(lead * len(d.times))) for d in drafts])
         for lead in LEADS

@@ -108,18 +108,18 @@ def search(
     exchanged: list[str] = []
     second: Trial | None = None
     while len(causes) < MOST_CAUSES and (
-        first is not None or at.mean_err > enough or _matters(at, recordings, 0.0)
+        first is not None or at.mean_err > enough or leaves_something(at, recordings, 0.0)
     ):
         known = {c.label for c in causes} | {c.effect for c in causes if c.start is not None}
         known |= dropped
         number = len(causes) + 1
         offer = offered(at, recordings, begun, offer)
         offers = [(at, _new(ranked_proposals(at, offer), known))]
-        if not causes and _strained(at, (), ()) and _matters(at, recordings, enough):
+        if not causes and _strained(at, (), ()) and leaves_something(at, recordings, enough):
             offers += _offers_beside(neutral, recordings, begun, offer)
         new = [b for b in begun if b.effect not in known]
         least = np.inf
-        if causes and not _matters(at, recordings, enough):
+        if causes and not leaves_something(at, recordings, enough):
             least = (1.0 - LOWERS) * nearest_err(at, recordings)
         elif first is None and len(causes) == 1:
             first = _far_beside(at, causes[0], recordings, new)
@@ -135,7 +135,7 @@ def search(
         trace += steps
         _tell(steps)
         little = takes_little(found, at, recordings)
-        if little and _matters(found[0] if found else at, recordings, enough):
+        if little and leaves_something(found[0] if found else at, recordings, enough):
             for group in _strained(at, causes, exchanged)[: EXCHANGES - len(exchanged)]:
                 exchanged.append(group.label)
                 other, steps = _exchange(number, at, group, recordings, begun, known, offer)
@@ -201,7 +201,7 @@ def _far_beside(
     return best_far_start(at, at.model.centred(of_set_up), recordings, begun)
 
 
-def _matters(at: Evaluation, recordings: Sequence[Recording], enough: float) -> bool:
+def leaves_something(at: Evaluation, recordings: Sequence[Recording], enough: float) -> bool:
     """Whether a model stays farther from the shapes than the measurement errs and `enough` [m]."""
     most = max(OWN * own_err(at, recordings), enough)
     return at.mean_err > most and nearest_err(at, recordings) > most

@@ -24,6 +24,7 @@ from dlo_ros.diagnosis.explain.cause_naming import (
 )
 from dlo_ros.diagnosis.explain.cause_search import Search, search, without
 from dlo_ros.diagnosis.explain.certainty import departures
+from dlo_ros.diagnosis.explain.contact_beside_causes import with_contact
 from dlo_ros.diagnosis.explain.contact_trials import Contact, best_contact
 from dlo_ros.diagnosis.explain.exact_setup import beside_exact_set_up
 from dlo_ros.diagnosis.explain.explanation import Explanation
@@ -115,6 +116,8 @@ def explain(
     setup, first = _beginning(prepared, begun, contact, enough)
     found = search(setup, prepared.meant, recordings, begun, enough, first)
     found = best_of_beginnings(found, prepared.meant, recordings, begun, enough)
+    found, beside = with_contact(found, given, prepared.meant, recordings, begun, enough)
+    contact = beside or contact
     hit = contact.trial if contact is not None and contact.trial[1] in found.causes else None
     precise = beside_exact_set_up(found, prepared.meant, recordings, begun, enough, hit)
     exact = precise is not None

@@ -1,0 +1,112 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Pegs and walls are looked for again beside other causes that leave something."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from rods import PAPER
+
+from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
+from dlo_ros.diagnosis.explain import contact_beside_causes as module
+from dlo_ros.diagnosis.explain.cause_search import Search
+from dlo_ros.diagnosis.explain.contact_beside_causes import with_contact
+from dlo_ros.effects import Start
+from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.priors import cause_priors, material_priors
+
+FORCE = Start("constant_force", {"x": 0.0, "z": 0.05}, ("x", "z"), ("x", "z"))
+PARAMETERS, _ = cause_priors(PAPER, FORCE)
+CAUSE = SimpleNamespace(label="force", effect="constant_force", parameters=PARAMETERS)
+PEG = SimpleNamespace(label="peg", effect="obstacle", parameters=())
+
+
+def evaluation(evidence, err, model=None):
+    return SimpleNamespace(
+        posterior=SimpleNamespace(evidence=evidence), mean_err=err, model=model
+    )  # fmt: skip
+
+
+def fitted_with_a_force():
+    model = ParametricModel(PAPER, material_priors(PAPER))
+    model = model.extended(FORCE.effect, dict(FORCE.block), PARAMETERS)
+    return Search(evaluation(100.0, 2e-3, model), (CAUSE,), ("first",), None)
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """A contact that comes nearer, and the models in which contacts were looked for."""
+    looked_in = []
+
+    def contacts(recordings, given, model):
+        looked_in.append(model)
+        moved = model.theta()
+        moved[0] += 0.1
+        return [ContactBesideSetUp(model.at(moved), FORCE)]
+
+    monkeypatch.setattr(module, "contacts_beside_set_up", contacts)
+    monkeypatch.setattr(module, "leaves_something", lambda *_: True)
+    monkeypatch.setattr(module, "takes_little", lambda *_: False)
+    monkeypatch.setattr(module, "comes_nearer", lambda a, b, _: a.mean_err < b.mean_err)
+    hit = SimpleNamespace(trial=(evaluation(150.0, 1e-3), PEG))
+    given = SimpleNamespace(looked_in=looked_in, hit=hit, contacts=[])
+    monkeypatch.setattr(
+        module, "best_contact", lambda _, __, found: given.contacts.extend(found) or given.hit
+    )
+    return given
+
+
+@pytest.mark.parametrize(
+    ("evidence", "err", "better"), [(160.0, 1e-3, True), (101.0, 1e-3, False), (160.0, 3e-3, False)]
+)
+def test_a_search_goes_on_with_what_was_hit_where_that_explains_more(
+    monkeypatch, asked, evidence, err, better
+):
+    def search(at, neutral, recordings, begun, enough, *, present):
+        assert present == (CAUSE, PEG)
+        return Search(evaluation(evidence, err), present, ("more",), None)
+
+    monkeypatch.setattr(module, "search", search)
+    found = fitted_with_a_force()
+    after, contact = with_contact(found, PAPER, None, (), (), 1e-4)
+    assert contact is (asked.hit if better else None)
+    if better:
+        assert after.causes == (CAUSE, PEG) and after.trace == ("first", "more")
+    else:
+        assert after is found
+
+
+def test_causes_stay_what_they_are_in_undisturbed_pictures_and_are_free_afterwards(
+    monkeypatch, asked
+):
+    asked.hit = None
+    found = fitted_with_a_force()
+    model = found.at.model
+    assert with_contact(found, PAPER, None, (), (), 1e-4) == (found, None)
+    (held,) = asked.looked_in
+    for p, x in zip(held.parameters, model.theta(), strict=True):
+        free = model.parameters[model.index(p.name)]
+        of_cause = p.name in {q.name for q in PARAMETERS}
+        assert (p.std < 1e-3 * free.std and p.centre == pytest.approx(x)) == of_cause
+    (contact,) = asked.contacts
+    assert contact.before.parameters == model.parameters
+    assert contact.before.theta() == pytest.approx(
+        model.theta() + 0.1 * np.eye(len(model.parameters))[0]
+    )
+
+
+@pytest.mark.parametrize("left", [False, True])
+def test_nothing_is_looked_for_where_nothing_is_left_or_a_contact_is_known(
+    monkeypatch, asked, left
+):
+    monkeypatch.setattr(module, "leaves_something", lambda *_: left)
+    found = fitted_with_a_force()
+    if left:
+        monkeypatch.setattr(module, "takes_little", lambda *_: True)
+    assert with_contact(found, PAPER, None, (), (), 1e-4) == (found, None)
+    assert bool(asked.looked_in) == left
+    known = Search(found.at, (CAUSE, PEG), (), None)
+    assert with_contact(known, PAPER, None, (), (), 1e-4) == (known, None)
+    alone = Search(found.at, (), (), None)
+    assert with_contact(alone, PAPER, None, (), (), 1e-4) == (alone, None)
+    assert bool(asked.looked_in) == left
