@@ -17,6 +17,7 @@ from dlo_ros.diagnosis.explain.cause_search import Search, search
 from dlo_ros.effects import Start
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.model_comparison import tells_apart
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import WORTH
 
@@ -27,7 +28,8 @@ def best_of_beginnings(
     found: Search, neutral: ParametricModel, recordings: Sequence[Recording],
     begun: Sequence[Start], enough: float,
 ) -> Search:  # fmt: skip
-    """A search's result, or that of one that begins with its second cause and explains more.
+    """A search's result, or that of one that begins with its second cause and certainly
+    explains more.
 
     Args:
         found: the result; nothing is searched where the second cause is part of it.
@@ -41,5 +43,5 @@ def best_of_beginnings(
     other = search(there, neutral, recordings, begun, enough, present=(cause,), wanted=wanted)
     gain = other.at.posterior.evidence - found.at.posterior.evidence
     LOG.info("begun with %s: %+.1f in evidence", cause.label, gain)
-    better = gain >= WORTH and comes_nearer(other.at, found.at, recordings)
+    better = tells_apart(other.at, found.at) and comes_nearer(other.at, found.at, recordings)
     return replace(other if better else found, trace=(*found.trace, *other.trace))
