@@ -50,9 +50,12 @@ def test_a_search_with_another_first_cause_must_certainly_explain_more_and_come_
     assert result.trace == ("first", "second")  # both are told
 
 
-def test_nothing_is_searched_where_no_other_cause_gained_as_much_or_it_is_there(monkeypatch):
+def test_nothing_is_searched_where_the_result_is_as_simple_as_can_be_or_has_that_cause(monkeypatch):
     monkeypatch.setattr(second_beginning, "search", lambda *_, **__: pytest.fail("searched"))
     alone = found(100.0, None)
     assert best_of_beginnings(alone, None, (), (), np.inf) is alone
+    single = found(100.0, (evaluation(60.0), PLUG), causes=(MASS,))
+    monkeypatch.setattr(second_beginning, "leaves_something", lambda *_: False)
+    assert best_of_beginnings(single, None, (), (), np.inf) is single
     with_it = found(100.0, (evaluation(60.0), PLUG), causes=(MASS, PLUG))
     assert best_of_beginnings(with_it, None, (), (), np.inf) is with_it

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dlo_ros.diagnosis.explain.candidate_trials import FIT_ITERATIONS, comes_nearer
-from dlo_ros.diagnosis.explain.cause_search import Search, search
+from dlo_ros.diagnosis.explain.cause_search import Search, leaves_something, search
 from dlo_ros.effects import Start
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
@@ -28,14 +28,16 @@ def best_of_beginnings(
     found: Search, neutral: ParametricModel, recordings: Sequence[Recording],
     begun: Sequence[Start], enough: float,
 ) -> Search:  # fmt: skip
-    """A search's result, or that of one that begins with its second cause and certainly
-    explains more.
+    """A search's result, or that of one from its second cause if that certainly explains more.
 
     Args:
-        found: the result; nothing is searched where the second cause is part of it.
+        found: the result; it stays where the second cause is part of it, or where a single cause
+            leaves nothing that matters.
         neutral, begun, enough: see `cause_search.search`.
     """
     if found.second is None or found.second[1].effect in {c.effect for c in found.causes}:
+        return found
+    if len(found.causes) == 1 and not leaves_something(found.at, recordings, enough):
         return found
     at, cause = found.second
     there = fit(at, recordings, FIT_ITERATIONS)
