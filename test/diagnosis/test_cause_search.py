@@ -131,6 +131,22 @@ def test_what_begins_far_away_is_looked_for_beside_a_first_cause(monkeypatch, le
     assert [s.name for s in found.trace] == causes[1:]
 
 
+@pytest.mark.parametrize(("most", "of_two"), [(6, 60.0), (2, 60.0), (1, np.inf)])
+def test_a_search_ends_with_a_number_of_causes_and_knows_what_the_first_two_gained(
+    monkeypatch, most, of_two
+):
+    without_simulations(monkeypatch, 0.1e-3)
+    offers = [SimpleNamespace(label=f"e{k}", effect=f"e{k}", start=object()) for k in range(3)]
+    added = [(evaluation(30.0 * (k + 1), 1e-3 / 2**k), offer) for k, offer in enumerate(offers)]
+    monkeypatch.setattr(
+        cause_search, "best_trials",
+        lambda number, *_: (added[number - 1 : number], []),
+    )  # fmt: skip
+    found = cause_search.search(evaluation(0.0, 2e-3), None, (), (), 0.1e-3, most=most)
+    assert [c.label for c in found.causes] == ["e0", "e1", "e2"][:most]
+    assert found.of_two == of_two
+
+
 @pytest.mark.parametrize(
     ("gains", "second"),
     [

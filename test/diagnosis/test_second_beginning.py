@@ -17,24 +17,33 @@ def evaluation(evidence, err=1e-3):
     return SimpleNamespace(posterior=SimpleNamespace(evidence=evidence), mean_err=err)
 
 
-def found(evidence, second, causes=(MASS, SEGMENT)):
-    return Search(evaluation(evidence), causes, ("first",), None, second)
+SETUP = evaluation(0.0, 9e-3)
+
+
+def found(evidence, second, causes=(MASS, SEGMENT), of_two=90.0):
+    return Search(evaluation(evidence), causes, ("first",), None, second, of_two)
 
 
 @pytest.mark.parametrize(
-    ("evidence", "err", "better"),
-    [(140.0, 0.5e-3, True), (115.0, 0.5e-3, False), (140.0, 3e-3, False)],
-)
+    ("of_two", "evidence", "err", "better"),
+    [
+        (90.0, 140.0, 0.5e-3, True), (75.0, 140.0, 0.5e-3, True),
+        (70.0, 140.0, 0.5e-3, False),  # it does not go on
+        (90.0, 115.0, 0.5e-3, False), (90.0, 140.0, 3e-3, False),
+    ],
+)  # fmt: skip
 def test_a_search_with_another_first_cause_must_certainly_explain_more_and_come_nearer(
-    monkeypatch, evidence, err, better
+    monkeypatch, of_two, evidence, err, better
 ):
-    begun = evaluation(60.0, 2e-3)
+    begun, half = evaluation(60.0, 2e-3), evaluation(of_two, 1.5e-3)
     asked = []
 
-    def search(at, neutral, recordings, starts, enough, *, present, wanted):
+    def search(at, neutral, recordings, starts, enough, *, present, wanted, most=6):
         asked.append((at, neutral, present))
         assert wanted == pytest.approx(103.0)
-        return Search(evaluation(evidence, err), (PLUG, GIVE), ("second",), None)
+        if most == 2:
+            return Search(half, (PLUG, SEGMENT), ("second",), None)
+        return Search(evaluation(evidence, err), (PLUG, GIVE), ("third",), None)
 
     monkeypatch.setattr(second_beginning, "fit", lambda at, *_: at)
     monkeypatch.setattr(second_beginning, "search", search)
@@ -44,18 +53,20 @@ def test_a_search_with_another_first_cause_must_certainly_explain_more_and_come_
     )  # fmt: skip
     monkeypatch.setattr(candidate_trials, "own_err", lambda *_: 0.1e-3)
     monkeypatch.setattr(candidate_trials, "nearest_err", lambda at, _: at.mean_err)
-    result = best_of_beginnings(found(100.0, (begun, PLUG)), "neutral", (), (), 1e-4)
-    assert asked == [(begun, "neutral", (PLUG,))]
+    result = best_of_beginnings(found(100.0, (begun, PLUG)), SETUP, "neutral", (), (), 1e-4)
+    went_on = of_two > 72.0
+    assert asked[:1] == [(begun, "neutral", (PLUG,))]
+    assert asked[1:] == went_on * [(half, "neutral", (PLUG, SEGMENT))]
     assert result.causes == ((PLUG, GIVE) if better else (MASS, SEGMENT))
-    assert result.trace == ("first", "second")  # both are told
+    assert result.trace == ("first", "second", "third")[: len(asked) + 1]  # all is told
 
 
 def test_nothing_is_searched_where_the_result_is_as_simple_as_can_be_or_has_that_cause(monkeypatch):
     monkeypatch.setattr(second_beginning, "search", lambda *_, **__: pytest.fail("searched"))
     alone = found(100.0, None)
-    assert best_of_beginnings(alone, None, (), (), np.inf) is alone
+    assert best_of_beginnings(alone, SETUP, None, (), (), np.inf) is alone
     single = found(100.0, (evaluation(60.0), PLUG), causes=(MASS,))
     monkeypatch.setattr(second_beginning, "leaves_something", lambda *_: False)
-    assert best_of_beginnings(single, None, (), (), np.inf) is single
+    assert best_of_beginnings(single, SETUP, None, (), (), np.inf) is single
     with_it = found(100.0, (evaluation(60.0), PLUG), causes=(MASS, PLUG))
-    assert best_of_beginnings(with_it, None, (), (), np.inf) is with_it
+    assert best_of_beginnings(with_it, SETUP, None, (), (), np.inf) is with_it

@@ -66,6 +66,7 @@ class Search:
         offer: proposals of further causes for this model or one before it; None: not computed.
         second: the fit with the first cause that would have been added if the best had not been
             there, where it gained nearly as much.
+        of_two: log evidence with the first two causes; infinite where there were never two.
     """
 
     at: Evaluation
@@ -73,12 +74,13 @@ class Search:
     trace: tuple[Step, ...]
     offer: Offer | None
     second: Trial | None = None
+    of_two: float = np.inf
 
 
 def search(
     at: Evaluation, neutral: ParametricModel, recordings: Sequence[Recording],
     begun: Sequence[Start], enough: float, first: Trial | None = None,
-    present: Sequence[Proposal] = (), wanted: float = -np.inf,
+    present: Sequence[Proposal] = (), wanted: float = -np.inf, most: int = MOST_CAUSES,
 ) -> Search:  # fmt: skip
     """Add causes one by one, the one that raises the log evidence most first.
 
@@ -100,6 +102,7 @@ def search(
         wanted: log evidence without which the search is in vain. It ends where all causes that may
             still come would not reach it if each raised the evidence as much as the last one: the
             first ones raise it most.
+        most: number of causes with which the search ends.
     """
     causes = list(present)
     dropped: set[str] = set()
@@ -107,7 +110,8 @@ def search(
     offer: Offer | None = None
     exchanged: list[str] = []
     second: Trial | None = None
-    while len(causes) < MOST_CAUSES and (
+    of_two = np.inf
+    while len(causes) < most and (
         first is not None or at.mean_err > enough or leaves_something(at, recordings, 0.0)
     ):
         known = {c.label for c in causes} | {c.effect for c in causes if c.start is not None}
@@ -166,9 +170,11 @@ def search(
             _tell(trace[-1:])
             at, causes = bare, [c for c in causes if c is not cause]
             dropped.add(cause.label)
+        if len(causes) == 2 and of_two == np.inf:
+            of_two = at.posterior.evidence
         if little and number > 1:
             break
-    return Search(at, tuple(causes), tuple(trace), offer, second)
+    return Search(at, tuple(causes), tuple(trace), offer, second, of_two)
 
 
 def _second(trials: Sequence[Trial], found: Trial, at: Evaluation) -> Trial | None:

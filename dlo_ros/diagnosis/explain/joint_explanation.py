@@ -115,7 +115,7 @@ def explain(
     contact = best_contact(prepared.setup, recordings, contacts)
     setup, first = _beginning(prepared, begun, contact, enough)
     found = search(setup, prepared.meant, recordings, begun, enough, first)
-    found = best_of_beginnings(found, prepared.meant, recordings, begun, enough)
+    found = best_of_beginnings(found, setup, prepared.meant, recordings, begun, enough)
     found, beside = with_contact(found, given, prepared.meant, recordings, begun, enough)
     contact = beside or contact
     hit = contact.trial if contact is not None and contact.trial[1] in found.causes else None

@@ -15,24 +15,28 @@ from dataclasses import replace
 from dlo_ros.diagnosis.explain.candidate_trials import FIT_ITERATIONS, comes_nearer
 from dlo_ros.diagnosis.explain.cause_search import Search, leaves_something, search
 from dlo_ros.effects import Start
+from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.model_comparison import tells_apart
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.thresholds import WORTH
+from dlo_ros.inference.thresholds import CLEARLY_LESS, WORTH
 
 LOG = logging.getLogger(__name__)
 
 
 def best_of_beginnings(
-    found: Search, neutral: ParametricModel, recordings: Sequence[Recording],
+    found: Search, setup: Evaluation, neutral: ParametricModel, recordings: Sequence[Recording],
     begun: Sequence[Start], enough: float,
 ) -> Search:  # fmt: skip
     """A search's result, or that of one from its second cause if that certainly explains more.
 
+    It goes on beyond two causes where these gain nearly as much as the first two of the result.
+
     Args:
         found: the result; it stays where the second cause is part of it, or where a single cause
             leaves nothing that matters.
+        setup: the set-up without causes, fitted.
         neutral, begun, enough: see `cause_search.search`.
     """
     if found.second is None or found.second[1].effect in {c.effect for c in found.causes}:
@@ -42,7 +46,16 @@ def best_of_beginnings(
     at, cause = found.second
     there = fit(at, recordings, FIT_ITERATIONS)
     wanted = found.at.posterior.evidence + WORTH
-    other = search(there, neutral, recordings, begun, enough, present=(cause,), wanted=wanted)
+    other = search(
+        there, neutral, recordings, begun, enough, present=(cause,), wanted=wanted, most=2
+    )
+    least = setup.posterior.evidence
+    enough_of_two = CLEARLY_LESS * (min(found.of_two, wanted) - least)
+    if other.at.posterior.evidence - least >= enough_of_two:
+        more = search(
+            other.at, neutral, recordings, begun, enough, present=other.causes, wanted=wanted
+        )
+        other = replace(more, trace=(*other.trace, *more.trace))
     gain = other.at.posterior.evidence - found.at.posterior.evidence
     LOG.info("begun with %s: %+.1f in evidence", cause.label, gain)
     better = tells_apart(other.at, found.at) and comes_nearer(other.at, found.at, recordings)
