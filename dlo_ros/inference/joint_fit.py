@@ -20,7 +20,7 @@ from dlo_ros.inference.joint import (
 from dlo_ros.inference.losses import CONVERGED, CORRELATED, WHITE, Loss, misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.thresholds import CLEARLY_LESS, MUCH_LARGER
+from dlo_ros.inference.thresholds import CLEARLY_LESS, MUCH_LARGER, WORTH
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -70,7 +70,11 @@ def fit(
         found = _improved(at, recordings, way, loss, TRIES if derived else 1, most)
         way, sure = found.way, derived or found.gain_predicted
         if found.at is None and derived:
-            break
+            beyond = _beyond_kink(at, recordings, loss) if found.failed else None
+            if beyond is None:
+                break
+            at, way, secants = beyond, _Way(MARQUARDT_DAMPING, LONGEST_STEP), 0
+            continue
         before = at
         if found.at is not None:
             gain, least = _gain(at, found.at, loss), loss.least_gain(at)
@@ -108,6 +112,26 @@ def approached(
         at, way = _corrected(at, found.at), found.way
         nearest = min(nearest, at, key=lambda e: e.mean_err)
     return nearest
+
+
+def _beyond_kink(
+    at: Evaluation, recordings: Sequence[Recording], loss: Loss
+) -> Evaluation | None:
+    """A better evaluation nearer to the shapes than one from which no step of a fit leads on.
+
+    Where an impact or a slip makes what is left change sharply, steps that shall mend its rapid
+    part fail, or leave the shapes. Those towards the shapes mend the rest, over several kinks.
+
+    Returns:
+        None where there is none, or the loss does not tell slow errors from rapid ones.
+    """
+    if not loss.fits_variances:
+        return None
+    there = approached(at, recordings)
+    if _gain(at, there, loss) < WORTH:
+        return None
+    LOG.info("a fit goes on from %.3f mm, %.3f mm before", 1e3 * there.mean_err, 1e3 * at.mean_err)
+    return _differentiated(there, recordings)
 
 
 def nearest_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
@@ -235,11 +259,13 @@ class _Improvement:
         at: better evaluation, with the derivatives from before; None where none was found.
         way: state of the search for the next iteration.
         gain_predicted: whether the derivatives predicted the gain.
+        failed: whether steps that promised `WORTH` and more were tried, and none of them held.
     """
 
     at: Evaluation | None
     way: _Way
     gain_predicted: bool
+    failed: bool = False
 
 
 def _improved(
@@ -248,11 +274,13 @@ def _improved(
 ) -> _Improvement:  # fmt: skip
     model, (lhs, rhs) = at.model, _equations(at, loss)
     theta, damping, least = model.theta(), way.damping, min(CONVERGED, loss.least_gain(at))
-    unit = _unit(model)
+    unit, failed = _unit(model), False
     for _ in range(tries):
         step = _step(model, lhs + damping * np.diag(np.diag(lhs)), rhs)
-        if _expected(step, lhs, rhs) < least:
+        expected = _expected(step, lhs, rhs)
+        if expected < least:
             break
+        failed = failed or expected >= WORTH
         step *= min(1.0, way.longest / float(np.max(np.abs(step) / unit)))
         try:
             trial = borrowed(at, model.at(theta + step), recordings)
@@ -261,14 +289,14 @@ def _improved(
             continue
         ratio = _gain(at, trial, loss) / _expected(step, lhs, rhs)
         if ratio > 0.0 and trial.mean_err > most:
-            return _Improvement(None, _Way(damping, LONGEST_STEP), False)
+            break
         if ratio > GOOD:
             return _Improvement(trial, _Way(EASIER * damping, LONGER * way.longest), True)
         if ratio > 0.0:
             damping = damping if ratio > POOR else damping / EASIER
             return _Improvement(trial, _Way(damping, LONGEST_STEP), False)
         damping = max(HARDER * damping, 1e-3)
-    return _Improvement(None, _Way(damping, LONGEST_STEP), False)
+    return _Improvement(None, _Way(damping, LONGEST_STEP), False, failed)
 
 
 def expected_gain(at: Evaluation, loss: Loss) -> float:

@@ -135,6 +135,7 @@ def test_a_fit_that_only_steps_away_from_the_shapes_improve_is_at_its_end(fitted
     begun = joint.evaluate(far.model, recordings, far.variances)
     assert TO_REPORT.farther == 1.0 < CORRELATED.farther
     monkeypatch.setattr(losses, "FARTHER", 0.0)
+    monkeypatch.setattr(joint_fit, "approached", lambda here, _: here)
     assert joint_fit.fit(begun, recordings, 12) is begun
 
 
@@ -178,3 +179,33 @@ def test_a_fit_from_far_away_finds_the_minimum(fitted, factor, angle):
     at, recordings = fitted
     far = joint.evaluate(moved_by(at, ANGLE, angle).stiffened(factor), recordings)
     assert joint_fit.settled(far, recordings).mean_err < 1.2 * at.mean_err
+
+
+@pytest.mark.parametrize("nearer", [True, False])
+def test_a_fit_whose_steps_all_fail_goes_on_from_nearer_to_the_shapes(fitted, monkeypatch, nearer):
+    """As at a kink: no step holds until the fit lies elsewhere."""
+    at, recordings = fitted
+    far = joint_fit.evaluate(moved_by(at, ANGLE, 0.1), recordings)
+    improved, held = joint_fit._improved, []
+
+    def stuck_there(here, recordings, way, loss, *rest):
+        if here is far and loss.fits_variances:
+            return replace(improved(here, recordings, way, loss, *rest), at=None, failed=True)
+        held.append(here)
+        return improved(here, recordings, way, loss, *rest)
+
+    monkeypatch.setattr(joint_fit, "_improved", stuck_there)
+    if not nearer:
+        monkeypatch.setattr(joint_fit, "approached", lambda here, _: here)
+    found = joint_fit.fit(far, recordings, 12)
+    if nearer:
+        assert found.mean_err < 1.1 * at.mean_err
+        assert found.posterior.evidence == pytest.approx(at.posterior.evidence, abs=1.0)
+    else:
+        assert found is far and not held
+
+
+def test_a_fit_that_has_converged_looks_nowhere_else(fitted, monkeypatch):
+    at, recordings = fitted
+    monkeypatch.setattr(joint_fit, "approached", lambda *_: pytest.fail("looked elsewhere"))
+    joint_fit.fit(at, recordings, 12)
