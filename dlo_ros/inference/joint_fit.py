@@ -114,9 +114,7 @@ def approached(
     return nearest
 
 
-def _beyond_kink(
-    at: Evaluation, recordings: Sequence[Recording], loss: Loss
-) -> Evaluation | None:
+def _beyond_kink(at: Evaluation, recordings: Sequence[Recording], loss: Loss) -> Evaluation | None:
     """A better evaluation nearer to the shapes than one from which no step of a fit leads on.
 
     Where an impact or a slip makes what is left change sharply, steps that shall mend its rapid
