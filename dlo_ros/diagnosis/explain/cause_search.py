@@ -159,22 +159,36 @@ def search(
             break
         if number > 1:
             at, causes = with_best_in_place(at, causes, recordings, begun)
-        for cause in reversed(causes):
-            if linear_loss(at, cause) > INDISPENSABLE:
-                continue
-            bare = without(at, cause, recordings)
-            if bare is None or at.posterior.evidence - bare.posterior.evidence >= WORTH:
-                continue
-            loss = at.posterior.evidence - bare.posterior.evidence
-            trace.append(Step(number, cause.label, loss, bare.mean_err, "returned: not needed"))
-            _tell(trace[-1:])
-            at, causes = bare, [c for c in causes if c is not cause]
-            dropped.add(cause.label)
+        at, kept, steps = _needed_alone(number, at, causes, recordings)
+        dropped |= {c.label for c in causes} - {c.label for c in kept}
+        causes, trace = kept, trace + steps
         if len(causes) == 2 and of_two == np.inf:
             of_two = at.posterior.evidence
         if little and number > 1:
             break
     return Search(at, tuple(causes), tuple(trace), offer, second, of_two)
+
+
+def _needed_alone(
+    number: int, at: Evaluation, causes: Sequence[Proposal], recordings: Sequence[Recording]
+) -> tuple[Evaluation, list[Proposal], list[Step]]:
+    """A model with those of its causes alone that it needs, and what became of the others.
+
+    Args:
+        number: number of the step, for the trace.
+    """
+    kept, steps = list(causes), list[Step]()
+    for cause in reversed(causes):
+        if linear_loss(at, cause) > INDISPENSABLE:
+            continue
+        bare = without(at, cause, recordings)
+        if bare is None or at.posterior.evidence - bare.posterior.evidence >= WORTH:
+            continue
+        loss = at.posterior.evidence - bare.posterior.evidence
+        steps.append(Step(number, cause.label, loss, bare.mean_err, "returned: not needed"))
+        at, kept = bare, [c for c in kept if c is not cause]
+    _tell(steps)
+    return at, kept, steps
 
 
 def _second(trials: Sequence[Trial], found: Trial, at: Evaluation) -> Trial | None:
