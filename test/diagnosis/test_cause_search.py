@@ -10,6 +10,7 @@ from experiment_recordings import fitted_set_up
 from dlo_ros.diagnosis.explain import (
     candidate_trials,
     cause_search,
+    far_starts,
     joint_explanation,
 )
 from dlo_ros.diagnosis.explain.trial_beginnings import beginning
@@ -49,7 +50,8 @@ def without_simulations(monkeypatch, own_err):
     """A search in which nothing is simulated and every cause is needed, with an own ERR [m]."""
     monkeypatch.setattr(cause_search, "offered", lambda *_: object())
     monkeypatch.setattr(cause_search, "ranked_proposals", lambda *_: [])
-    monkeypatch.setattr(cause_search, "begun_instead", lambda *_: [])
+    for module in (cause_search, far_starts):
+        monkeypatch.setattr(module, "begun_instead", lambda *_: [])
     monkeypatch.setattr(cause_search, "linear_loss", lambda *_: 1e3)
     for module in (cause_search, candidate_trials):
         monkeypatch.setattr(module, "own_err", lambda *_: own_err)
@@ -172,6 +174,31 @@ def test_the_second_first_cause_is_known_where_it_gains_nearly_as_much(monkeypat
     found = cause_search.search(evaluation(0.0, 2e-3), None, (), (), 0.1e-3)
     assert [c.label for c in found.causes] == ["mass"]
     assert (found.second[1].label if found.second else None) == second
+
+
+@pytest.mark.parametrize(
+    ("gain", "stiffness", "left", "named"),
+    [
+        (90.0, True, 0.2e-3, ["friction"]), (90.0, False, 0.2e-3, []), (15.0, True, 0.2e-3, []),
+        (90.0, True, 0.5e-3, []),  # it is one of those that are looked for anyway
+    ],
+)  # fmt: skip
+def test_where_nothing_is_left_an_effect_may_have_done_the_work_of_another_stiffness(
+    monkeypatch, gain, stiffness, left, named
+):
+    """A friction within the DLO left 0.23 mm with E / mu 50 % off, and gained 1995."""
+    without_simulations(monkeypatch, 0.2e-3)
+    friction = SimpleNamespace(label="friction", effect="hysteresis", start=object())
+    trial = evaluation(gain, 0.1e-3)
+    trial.model = None
+    monkeypatch.setattr(far_starts, "begun_instead", lambda *_: [(trial, friction)])
+    monkeypatch.setattr(cause_search, "best_trials", lambda *_: ([], []))
+    monkeypatch.setattr(far_starts, "has_other_stiffness", lambda *_: stiffness)
+    monkeypatch.setattr(
+        far_starts, "tells_apart", lambda a, b: a.posterior.evidence > 20.0
+    )  # fmt: skip
+    found = cause_search.search(evaluation(0.0, left), None, (), (), 0.3e-3)
+    assert [c.label for c in found.causes] == named
 
 
 def test_nothing_begins_far_away_beside_what_has_begun_so_itself():

@@ -24,7 +24,11 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     fitted,
 )
 from dlo_ros.diagnosis.explain.certainty import far_off, tolerances_off
-from dlo_ros.diagnosis.explain.far_starts import best_far_start, with_best_in_place
+from dlo_ros.diagnosis.explain.far_starts import (
+    best_far_start,
+    best_stood_for,
+    with_best_in_place,
+)
 from dlo_ros.diagnosis.explain.measurement_error import own_err
 from dlo_ros.diagnosis.explain.offered_effects import Offer, offered, ranked_proposals
 from dlo_ros.diagnosis.proposals.linear_evidence import (
@@ -111,6 +115,9 @@ def search(
     exchanged: list[str] = []
     second: Trial | None = None
     of_two = np.inf
+    nothing_left = at.mean_err <= enough and not leaves_something(at, recordings, 0.0)
+    if nothing_left and first is None and not causes:
+        first = best_stood_for(at, recordings, begun)
     while len(causes) < most and (
         first is not None or at.mean_err > enough or leaves_something(at, recordings, 0.0)
     ):

@@ -11,7 +11,8 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
-from dlo_ros.diagnosis.explain.candidate_trials import Trial, best_gain
+from dlo_ros.diagnosis.explain.candidate_trials import Trial, begun_instead, best_gain
+from dlo_ros.diagnosis.explain.certainty import has_other_stiffness
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     Proposal,
     is_present,
@@ -23,6 +24,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, evaluate, simulate
 from dlo_ros.inference.joint_fit import settled
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.model_comparison import tells_apart
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.plain_rod import instead_of_law
 
@@ -52,6 +54,21 @@ def best_far_start(
     if best is None:
         return None
     return best_gain(in_its_place(best, recordings, begun), best[0], recordings) or best
+
+
+def best_stood_for(
+    at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start]
+) -> Trial | None:
+    """The effect for which the rod of a model stands that leaves nothing, with another E / mu.
+
+    The stiffness of a DLO may do the elastic part of a friction within it, and its damping the
+    rest: the shapes are right, and E is wrong.
+    """
+    trials = begun_instead(at, recordings, begun)
+    best = best_gain(trials, at, recordings)
+    if best is None or not has_other_stiffness(best[0].model, at, 1.0):
+        return None
+    return best if tells_apart(best[0], at) else None
 
 
 def with_best_in_place(
