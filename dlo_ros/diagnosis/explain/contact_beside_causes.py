@@ -56,7 +56,7 @@ def with_contact(
     LOG.info("%s beside the causes: %+.1f in evidence", hit.label, gain)
     if gain < WORTH or not comes_nearer(more.at, found.at, recordings):
         return found, None
-    return replace(more, trace=(*found.trace, *more.trace), second=found.second), contact
+    return replace(more, trace=(*found.trace, *more.trace)), contact
 
 
 def _contacts(

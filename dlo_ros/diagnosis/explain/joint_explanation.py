@@ -117,11 +117,11 @@ def explain(
     found = search(setup, prepared.meant, recordings, begun, enough, first)
     found = best_of_beginnings(found, setup, prepared.meant, recordings, begun, enough)
     found, beside = with_contact(found, given, prepared.meant, recordings, begun, enough)
-    contact = beside or contact
+    # What was hit beside other causes was fitted with them, and is no beginning without them.
     hit = contact.trial if contact is not None and contact.trial[1] in found.causes else None
     precise = beside_exact_set_up(found, prepared.meant, recordings, begun, enough, hit)
     exact = precise is not None
-    return _concluded(prepared, given, precise or found, setup, contact, exact=exact)
+    return _concluded(prepared, given, precise or found, setup, beside or contact, exact=exact)
 
 
 def explain_again(prepared: Prepared, given: Settings, known: Explanation) -> Explanation | None:
