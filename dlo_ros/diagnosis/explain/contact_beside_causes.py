@@ -62,7 +62,7 @@ def with_contact(
 def _contacts(
     found: Search, given: Settings, recordings: Sequence[Recording]
 ) -> list[ContactBesideSetUp]:
-    """What the DLO may have hit, beside causes that stay what they are in undisturbed pictures."""
+    """Pegs and walls beside causes that stay what they are in undisturbed pictures."""
     model = found.at.model
     of_causes = {p.name for c in found.causes for p in c.parameters}
     pairs = zip(model.parameters, model.theta(), strict=True)

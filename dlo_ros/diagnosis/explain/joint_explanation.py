@@ -117,7 +117,7 @@ def explain(
     found = search(setup, prepared.meant, recordings, begun, enough, first)
     found = best_of_beginnings(found, setup, prepared.meant, recordings, begun, enough)
     found, beside = with_contact(found, given, prepared.meant, recordings, begun, enough)
-    # What was hit beside other causes was fitted with them, and is no beginning without them.
+    # A contact that was found beside other causes is no beginning without them.
     hit = contact.trial if contact is not None and contact.trial[1] in found.causes else None
     precise = beside_exact_set_up(found, prepared.meant, recordings, begun, enough, hit)
     exact = precise is not None
