@@ -45,6 +45,7 @@ def test_a_search_with_another_first_cause_must_certainly_explain_more_and_come_
             return Search(half, (PLUG, SEGMENT), ("second",), None)
         return Search(evaluation(evidence, err), (PLUG, GIVE), ("third",), None)
 
+    monkeypatch.setattr(second_beginning, "leaves_something", lambda *_: False)
     monkeypatch.setattr(second_beginning, "fit", lambda at, *_: at)
     monkeypatch.setattr(second_beginning, "search", search)
     monkeypatch.setattr(
@@ -61,12 +62,17 @@ def test_a_search_with_another_first_cause_must_certainly_explain_more_and_come_
     assert result.trace == ("first", "second", "third")[: len(asked) + 1]  # all is told
 
 
-def test_nothing_is_searched_where_the_result_is_as_simple_as_can_be_or_has_that_cause(monkeypatch):
+def test_nothing_is_searched_where_the_result_is_simple_or_lacks_something_or_has_that_cause(
+    monkeypatch,
+):
     monkeypatch.setattr(second_beginning, "search", lambda *_, **__: pytest.fail("searched"))
     alone = found(100.0, None)
     assert best_of_beginnings(alone, SETUP, None, (), (), np.inf) is alone
     single = found(100.0, (evaluation(60.0), PLUG), causes=(MASS,))
     monkeypatch.setattr(second_beginning, "leaves_something", lambda *_: False)
     assert best_of_beginnings(single, SETUP, None, (), (), np.inf) is single
+    monkeypatch.setattr(second_beginning, "leaves_something", lambda *_: True)
+    lacking = found(100.0, (evaluation(60.0), PLUG))
+    assert best_of_beginnings(lacking, SETUP, None, (), (), np.inf) is lacking
     with_it = found(100.0, (evaluation(60.0), PLUG), causes=(MASS, PLUG))
     assert best_of_beginnings(with_it, SETUP, None, (), (), np.inf) is with_it

@@ -34,14 +34,15 @@ def best_of_beginnings(
     It goes on beyond two causes where these gain nearly as much as the first two of the result.
 
     Args:
-        found: the result; it stays where the second cause is part of it, or where a single cause
-            leaves nothing that matters.
+        found: the result; it stays where the second cause is part of it, where it has a single
+            cause, or where it leaves something that matters: evidence is that of a wrong model
+            there, and any beginning may seem the better one.
         setup: the set-up without causes, fitted.
         neutral, begun, enough: see `cause_search.search`.
     """
     if found.second is None or found.second[1].effect in {c.effect for c in found.causes}:
         return found
-    if len(found.causes) == 1 and not leaves_something(found.at, recordings, enough):
+    if len(found.causes) == 1 or leaves_something(found.at, recordings, enough):
         return found
     at, cause = found.second
     there = fit(at, recordings, FIT_ITERATIONS)
