@@ -8,6 +8,7 @@ import pytest
 from rods import PAPER
 
 from dlo_ros.diagnosis.contact.wall_places import normal
+from dlo_ros.diagnosis.explain import contact_trials
 from dlo_ros.diagnosis.explain import peg_instead as module
 from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.contact_trials import Contact
@@ -75,7 +76,7 @@ def test_a_peg_that_comes_nearer_is_taken_and_one_as_near_is_a_rival_or_has_it(
         ended.append(SimpleNamespace(model=begun.model, mean_err=err, posterior=posterior))
         return ended[-1]
 
-    monkeypatch.setattr(module, "fitted", fitted)
+    monkeypatch.setattr(contact_trials, "fitted", fitted)
     monkeypatch.setattr(module, "nearest_err", lambda e, _: e.mean_err)
     monkeypatch.setattr(module, "fit", fit)
     apart = lambda better, other: better.posterior.evidence > 100.0 + other.posterior.evidence
@@ -93,7 +94,7 @@ def test_a_peg_that_comes_nearer_is_taken_and_one_as_near_is_a_rival_or_has_it(
 
 
 def test_no_peg_is_tried_without_a_wall_or_beside_a_known_one(monkeypatch):
-    monkeypatch.setattr(module, "fitted", lambda *_: pytest.fail("a peg was fitted"))
+    monkeypatch.setattr(contact_trials, "fitted", lambda *_: pytest.fail("a peg was fitted"))
     at = hit()
     bare = Search(at, (), (), None)
     assert with_peg_or_wall(bare, None, ()) == (bare, None)

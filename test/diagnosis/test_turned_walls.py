@@ -9,7 +9,7 @@ import pytest
 from rods import PAPER
 
 from dlo_ros.diagnosis.contact.wall_places import normal
-from dlo_ros.diagnosis.explain import turned_walls
+from dlo_ros.diagnosis.explain import contact_trials, turned_walls
 from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.turned_walls import MOST_TURNS, TURN, touched, with_turned_wall
 from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of
@@ -55,7 +55,7 @@ def tried(monkeypatch):
         evidence = law["of"](made[-1])
         return None if evidence is None else hit(model, evidence)
 
-    monkeypatch.setattr(turned_walls, "fitted", fitted)
+    monkeypatch.setattr(contact_trials, "fitted", fitted)
     monkeypatch.setattr(turned_walls, "fit", lambda at, *_: at)
     return made, law
 

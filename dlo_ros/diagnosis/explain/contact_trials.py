@@ -7,8 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
-from dlo_ros.diagnosis.explain.candidate_trials import Trial, best_gain, fitted, gains
-from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of, with_proposals
+from dlo_ros.diagnosis.explain.candidate_trials import (
+    FIRST_ITERATIONS,
+    Trial,
+    best_gain,
+    fitted,
+    gains,
+)
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_proposals
+from dlo_ros.effects import Start
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.effects.start import Block
 from dlo_ros.inference.joint import Evaluation
@@ -78,3 +85,23 @@ def best_contact(
     first, second = (flat, round_) if gains(flat, round_[0]) else (round_, flat)
     as_near = (1.0 - LOWERS) * second[0].mean_err <= first[0].mean_err
     return Contact.of(first, second, as_near=as_near)
+
+
+def begun_in_place(
+    at: Evaluation, wall: Proposal, start: Start, recordings: Sequence[Recording]
+) -> Trial | None:
+    """The first steps of a fit with something else that is hit in the place of a wall.
+
+    Args:
+        at: a fit with the wall.
+        wall: the wall, of which all is left out.
+        start: what is hit instead.
+
+    Returns:
+        None where that cannot be simulated.
+    """
+    bare = at.model.without([p.name for p in wall.parameters])
+    proposal = proposal_of(bare.settings, start)
+    model, _ = with_proposals(bare, [proposal])
+    begun = fitted(model, recordings, FIRST_ITERATIONS, draft=True)
+    return None if begun is None else (begun, proposal)

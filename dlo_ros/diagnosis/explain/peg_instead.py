@@ -14,17 +14,11 @@ from dataclasses import replace
 from dlo_ros.diagnosis.contact.contact_search import RADII
 from dlo_ros.diagnosis.contact.peg_places import TouchedPeg
 from dlo_ros.diagnosis.contact.wall_places import normal
-from dlo_ros.diagnosis.explain.candidate_trials import (
-    FIRST_ITERATIONS,
-    FIT_ITERATIONS,
-    Trial,
-    fitted,
-    gains,
-)
+from dlo_ros.diagnosis.explain.candidate_trials import FIT_ITERATIONS, Trial, gains
 from dlo_ros.diagnosis.explain.cause_search import Search
-from dlo_ros.diagnosis.explain.contact_trials import Contact
+from dlo_ros.diagnosis.explain.contact_trials import Contact, begun_in_place
 from dlo_ros.diagnosis.explain.turned_walls import WALL, touched
-from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_proposals
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects import Start
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.effects.physics.wall import StraightWall
@@ -81,14 +75,8 @@ def peg_instead(at: Evaluation, wall: Proposal, recordings: Sequence[Recording])
         at: a fit with the wall.
         wall: the wall, of which all is left out.
     """
-    bare = at.model.without([p.name for p in wall.parameters])
-    found: list[Trial] = []
-    for start in pegs_touched(at):
-        proposal = proposal_of(bare.settings, start)
-        model = with_proposals(bare, [proposal])[0]
-        there = fitted(model, recordings, FIRST_ITERATIONS, draft=True)
-        if there is not None:
-            found.append((there, proposal))
+    tried = [begun_in_place(at, wall, start, recordings) for start in pegs_touched(at)]
+    found = [trial for trial in tried if trial is not None]
     if not found:
         return None
     begun, proposal = min(found, key=lambda trial: trial[0].mean_err)

@@ -12,16 +12,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dlo_ros.diagnosis.contact.wall_places import TouchedWall, normal
-from dlo_ros.diagnosis.explain.candidate_trials import (
-    FIRST_ITERATIONS,
-    FIT_ITERATIONS,
-    Trial,
-    fitted,
-    gains,
-)
+from dlo_ros.diagnosis.explain.candidate_trials import FIT_ITERATIONS, Trial, gains
 from dlo_ros.diagnosis.explain.cause_search import Search
+from dlo_ros.diagnosis.explain.contact_trials import begun_in_place
 from dlo_ros.diagnosis.explain.peg_size import curves
-from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_proposals
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import fit
@@ -78,13 +73,9 @@ def _turned(
     at: Evaluation, wall: Proposal, turn: float, recordings: Sequence[Recording]
 ) -> Trial | None:
     """The first steps of a fit with a wall that is turned [rad] about where it is touched."""
-    bare = at.model.without([p.name for p in wall.parameters])
     x, z = touched(at).tolist()
     there = TouchedWall(x, z, _angle(at) + turn)
-    proposal = proposal_of(bare.settings, there.start(bare.settings.rod.diameter))
-    model, _ = with_proposals(bare, [proposal])
-    begun = fitted(model, recordings, FIRST_ITERATIONS, draft=True)
-    return None if begun is None else (begun, proposal)
+    return begun_in_place(at, wall, there.start(at.model.settings.rod.diameter), recordings)
 
 
 def _angle(at: Evaluation) -> float:
