@@ -138,7 +138,7 @@ def _all_checked(
     number: int, offers: Sequence[tuple[Evaluation, Sequence[PredictedGain]]],
     recordings: Sequence[Recording],
 ) -> tuple[list[Beginning], list[Step]]:  # fmt: skip
-    """The promising proposals, and what became of the others; see `best_trial`."""
+    """The promising proposals, and what became of the others; see `best_trials`."""
     trace: list[Step] = []
     checked: list[Beginning] = []
     for origin, predictions in offers:
@@ -159,7 +159,7 @@ def _all_checked(
 def _chosen(
     checked: Sequence[Beginning], at: Evaluation, least: float
 ) -> tuple[list[Beginning], list[tuple[Beginning, str]]]:
-    """Proposals that are fitted, and why the others are not; see `best_trial`."""
+    """Proposals that are fitted, and why the others are not; see `best_trials`."""
     # Proposals that can do each other's work come equally near: the likeliest of them first.
     alike = (1.0 + SMALL_SHARE) * min((c.err for c in checked), default=0.0)
     nearest = sorted(checked, key=lambda c: (max(c.err, alike), -c.gain))
@@ -218,7 +218,7 @@ def _at_own_moments(
     each motion so much that its log evidence falls.
 
     Args:
-        offers: see `best_trial`; the moments at which they begin are tried.
+        offers: see `best_trials`; the moments at which they begin are tried.
     """
     at, cause = trial
     if len(recordings) < 2 or not has_common_moments(cause):

@@ -115,12 +115,10 @@ def search(
     exchanged: list[str] = []
     second: Trial | None = None
     of_two = np.inf
-    nothing_left = at.mean_err <= enough and not leaves_something(at, recordings, 0.0)
-    if nothing_left and first is None and not causes:
+    left = _is_left(at, recordings, enough)
+    if not left and first is None and not causes:
         first = best_stood_for(at, recordings, begun)
-    while len(causes) < most and (
-        first is not None or at.mean_err > enough or leaves_something(at, recordings, 0.0)
-    ):
+    while len(causes) < most and (left or first is not None):
         known = {c.label for c in causes} | {c.effect for c in causes if c.start is not None}
         known |= dropped
         number = len(causes) + 1
@@ -173,6 +171,7 @@ def search(
             of_two = at.posterior.evidence
         if little and number > 1:
             break
+        left = _is_left(at, recordings, enough)
     return Search(at, tuple(causes), tuple(trace), offer, second, of_two)
 
 
@@ -189,9 +188,11 @@ def _needed_alone(
         if linear_loss(at, cause) > INDISPENSABLE:
             continue
         bare = without(at, cause, recordings)
-        if bare is None or at.posterior.evidence - bare.posterior.evidence >= WORTH:
+        if bare is None:
             continue
         loss = at.posterior.evidence - bare.posterior.evidence
+        if loss >= WORTH:
+            continue
         steps.append(Step(number, cause.label, loss, bare.mean_err, "returned: not needed"))
         at, kept = bare, [c for c in kept if c is not cause]
     _tell(steps)
@@ -226,6 +227,11 @@ def _far_beside(
         return None
     of_set_up = [p.name for p in at.model.parameters if p.tolerated and p not in cause.parameters]
     return best_far_start(at, at.model.centred(of_set_up), recordings, begun)
+
+
+def _is_left(at: Evaluation, recordings: Sequence[Recording], enough: float) -> bool:
+    """Whether a model leaves more than `enough` [m], or than the measurement errs."""
+    return at.mean_err > enough or leaves_something(at, recordings, 0.0)
 
 
 def leaves_something(at: Evaluation, recordings: Sequence[Recording], enough: float) -> bool:
