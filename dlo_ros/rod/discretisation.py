@@ -16,6 +16,8 @@ from dlo_ros.spline import FloatArray, SplineBasis
 
 POINTS = 3
 """Quadrature points of a knot span."""
+CONTACTS = 8
+"""Points of a knot span at which contact is looked for, and one more at the end of the DLO."""
 KEPT = 64
 """Discretisations that are kept: those of some recordings, each with several numbers of spans."""
 
@@ -65,6 +67,19 @@ class Discretisation:
     def points(self) -> FloatArray:
         """Material coordinates of the bending points [m], shape (nb,)."""
         return self.basis.quadrature(POINTS)[0]
+
+    @property
+    def contact_width(self) -> float:
+        """Length of the DLO for which a point of contact stands [m]."""
+        return self.basis.length / (self.basis.spans * CONTACTS)
+
+    @cached_property
+    def contacts(self) -> tuple[NDArray[np.int64], FloatArray]:
+        """Knot span and basis functions of each point of contact, see `local`.
+
+        A tip touches a wall first: both ends are among the points.
+        """
+        return self.local(self.contact_width * np.arange(self.basis.spans * CONTACTS + 1))
 
     @cached_property
     def slope(self) -> FloatArray:

@@ -21,7 +21,6 @@ from dlo_ros.rod.elements.rod_tables import (
 from dlo_ros.rod_settings import STANDARD_GRAVITY, RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
-CONTACTS = 8  # points of a knot span at which contact is looked for, and one more at the end
 CONTACT_PENETRATION = 2e-6  # of L: how deep a contact gives way under all of the DLO's weight
 PRESLIDING_DISPLACEMENT = 3e-5  # of L: displacement at which friction acts fully
 INACTIVE = 9e5  # [1/m] curvatures that no DLO reaches
@@ -171,18 +170,15 @@ class RodModel:
         walls = np.array(
             [[w.x, w.z, w.offset + 0.5 * rod.diameter] for w in body.walls], dtype=np.float64
         ).reshape(-1, 3)
-        spans = self.basis.spans if len(pegs) or len(walls) else 0
-        width = length / max(self.basis.spans * CONTACTS, 1)
-        # A tip touches a wall first: both ends are among the points.
-        u = width * np.arange(spans * CONTACTS + 1 if spans else 0)
-        span, b = self.discretisation.local(u) if spans else NO_CONTACT
+        width = self.discretisation.contact_width
+        span, b = self.discretisation.contacts if len(pegs) or len(walls) else NO_CONTACT
         # All of the DLO's weight on one point presses it in by very little.
         weight = rod.linear_density * STANDARD_GRAVITY * length
         push = weight + 10.0 * rod.bending_stiffness / length**2
         return Surroundings(
             (body.friction or 0.0) * body.lengthening, PRESLIDING_DISPLACEMENT * length, pegs,
-            push / (width * CONTACT_PENETRATION * length), span, b, np.full(len(u), width), walls,
-            (body.quadratic_drag or 0.0) * body.lengthening, np.zeros((0, 3)),
+            push / (width * CONTACT_PENETRATION * length), span, b, np.full(len(span), width),
+            walls, (body.quadratic_drag or 0.0) * body.lengthening, np.zeros((0, 3)),
         )  # fmt: skip
 
     @cached_property

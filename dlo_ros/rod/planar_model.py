@@ -64,7 +64,7 @@ def _lies_flat(q, velocity, acceleration, auxiliary, director, frames, slack):
 
 def reduce(x: FloatArray, flat: bool) -> FloatArray:
     """Columns x and z of an array (..., n, 4) for the plane, all of them else; always a copy."""
-    return np.ascontiguousarray(x[..., IN_PLANE]) if flat else np.array(x)
+    return np.array(x[..., ::2] if flat else x, order="C")
 
 
 def expand(x: FloatArray, like: FloatArray) -> FloatArray:
@@ -72,7 +72,7 @@ def expand(x: FloatArray, like: FloatArray) -> FloatArray:
     if x.shape[-1] == like.shape[-1]:
         return x
     result = np.zeros((*x.shape[:-1], 4))
-    result[..., IN_PLANE] = x
+    result[..., ::2] = x
     return result
 
 
