@@ -87,6 +87,8 @@ CASES = [
 
 CREEPS = {"viscoelasticity": {"share": 0.4, "time": 0.1}}
 SOFTENS = {"nonlinear_stiffness": {"half_curvature": 5.0}}
+RUBS = {"hysteresis": {"moment": 2e-3, "curvature": 2.0}}
+GIVES = {"clamp_compliance": {"start": 4.0, "end": 6.0}}
 CURVED = {"intrinsic_curvature": {"curvature": (1.0, 2.0, -1.0)}}
 OF_INELASTIC_RODS = [
     ("young_modulus", CREEPS, SMOOTH),
@@ -103,6 +105,9 @@ OF_INELASTIC_RODS = [
     ("start.angle", {"plasticity": {"yield_curvature": 3.0, "hardening": 0.3}}, KINKED),
     ("young_modulus", {"plasticity": {"yield_curvature": 3.0, "hardening": 0.3}}, KINKED),
     ("density", {"surface_friction": {"force": 0.05}}, KINKED),
+    ("effects.hysteresis.moment", {**RUBS, **GIVES}, KINKED),
+    ("effects.hysteresis.curvature", {**RUBS, **GIVES}, KINKED),
+    ("young_modulus", {**RUBS, **GIVES}, KINKED),
 ]
 
 ACROSS = [

@@ -125,7 +125,8 @@ def moment_derivatives(other, bend, bend_rest, internal, law):
     """
     plastic, inner, points = internal.plastic, internal.inner, other.shape[0]
     yields = points if law.active != 0.0 else 0
-    slides = inner.shape[0] if law.turn[0] < np.inf else 0
+    # A grip that gives does not rub: somewhere the DLO itself does.
+    slides = inner.shape[0] if np.min(law.turn) < np.inf else 0
     out = MomentDerivatives(
         np.empty((yields, 2, 6)), np.empty((yields, 2, 10)), np.empty((slides, 2, 6))
     )
