@@ -39,7 +39,6 @@ from dlo_ros.inference.thresholds import (
     CLEARLY_LESS,
     MUCH_LARGER,
     SMALL_SHARE,
-    TRACKER_ERROR,
     UNEXPLAINED_PICTURES,
 )
 from dlo_ros.parameters import Settings
@@ -139,25 +138,19 @@ def contacts_beside_set_up(
 ) -> list[ContactBesideSetUp]:
     """Pegs and walls that the DLO may have hit, beside a set-up off within its tolerances.
 
-    There are none where the DLO moves in space, off the board with the pegs.
+    A DLO that moves in space is seen from where a peg is a point and a wall is a line.
 
     Args:
         drafts: the recordings with a coarse simulation, to try contacts with.
         given: the parameter file.
         model: the joint model without them, from which a fit to undisturbed pictures begins.
     """
-    if EFFECTS & set(model.settings.effects) or _in_space(drafts, given):
+    if EFFECTS & set(model.settings.effects):
         return []
     before = undisturbed(drafts, model)
     if before is None:
         return []
     return [ContactBesideSetUp(before.model, start) for start in _contacts(drafts, given, before)]
-
-
-def _in_space(drafts: Sequence[Recording], given: Settings) -> bool:
-    """Whether the DLO is off the board on which pegs stand, by more than a tracker errs."""
-    most = (TRACKER_ERROR * given.rod.length) ** 2
-    return any(np.mean(d.observed[..., 1] ** 2) > most for d in drafts)
 
 
 def _contacts(drafts: Sequence[Recording], given: Settings, before: Undisturbed) -> list[Start]:
