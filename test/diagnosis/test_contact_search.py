@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from challenge.generate import draw
+from field import spatial
 from rods import PAPER
 
 from dlo_ros.cli.loading import load_manipulation
@@ -230,19 +231,20 @@ def test_a_hidden_peg_is_found_where_it_stands(hidden):
 
 
 @pytest.mark.slow
-def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
-    settings, beginning, _ = hidden
-
-    def looked(*_):
-        raise AssertionError("looked for a peg off the board")
-
-    monkeypatch.setattr("dlo_ros.diagnosis.contact.contact_search.undisturbed", looked)
-    aloft = []
-    for r in beginning.recordings:
-        observed = r.observed.copy()
-        observed[..., 1] += 0.1 * settings.rod.length
-        aloft.append(replace(r, observed=observed))
-    assert contacts_beside_set_up(aloft, settings, beginning.at.model) == []
+@pytest.mark.long
+def test_a_hidden_wall_in_space_is_found(tmp_path):
+    """Along the wall the rope moves as it does in free space."""
+    spatial.draw(9774, 1, own_rope=True).write(tmp_path)
+    settings = Settings.load(tmp_path / "params.yaml")
+    bags = sorted(p for p in tmp_path.iterdir() if p.is_dir())
+    beginning = begin([load_manipulation(bag, settings) for bag in bags], settings)
+    wall = json.loads((tmp_path / "case.json").read_text())["causes"]["wall"]
+    begun = looked_for(settings, beginning)[0]
+    assert begun.start.effect == "wall"
+    assert begun.start.block["angle"] == pytest.approx(wall["angle"], abs=0.3)
+    free = simulate(begun.before, beginning.recordings, ())
+    hit = begun.before.extended("wall", begun.start.block, ())
+    assert simulate(hit, beginning.recordings, ()).mean_err < 0.7 * free.mean_err
 
 
 @pytest.mark.slow
