@@ -32,6 +32,7 @@ from dlo_ros.report.diagnosis_content import (
     SetupRow,
 )
 from dlo_ros.report.loads import LoadRow
+from dlo_ros.report.outlines import outlines
 
 EXTENDED = "extended.yaml"
 REPORT = "report.json"
@@ -255,6 +256,7 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
         tuple(loads),
         settings.camera_positions,
         command,
+        outlines(found.extended.settings),
     )  # fmt: skip
 
 

@@ -150,7 +150,7 @@ def _picture(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> str:
     caption += " ERR is the mean distance from the observed shape."
     if any(f.arrows is not None for f in frames):
         caption += FORCE_CAPTION
-    shown = player(frames, r.length, legend, report.cameras, names, worst)
+    shown = player(frames, r.length, legend, report.cameras, names, worst, report.bodies)
     parts.append(figure(shown, caption))
     parts += _at_rest(k, r, report) if len(r.times) < 2 else _over_time(k, r, report)
     parts.append(force_maps(r.times, r.u, force, std))

@@ -164,6 +164,7 @@ class DiagnosisReport:
         loads: loads on the DLO in the recordings, by the extended model.
         command: command that looks for the recording that is advised; empty: there is none.
         cameras: positions [m] of the cameras that have names, which the view in space shows.
+        bodies: outlines of the pegs and walls of the extended model, see `outlines.outlines`.
     """
 
     headline: str
@@ -182,3 +183,4 @@ class DiagnosisReport:
     loads: tuple[LoadRow, ...] = ()
     cameras: Mapping[str, FloatArray] = field(default_factory=dict)
     command: str = ""
+    bodies: tuple[FloatArray, ...] = ()

@@ -30,6 +30,8 @@ CURVES = {"observed": "observed", "predicted": "predicted", "initial": "predicte
 NARROWEST, WIDEST = 4.0 / 3.0, 3.0
 """Width over height of a view in the plane: labels stand beside a slender shape, not on it."""
 ARROWS = ("faint", "arrows")
+FLIP = np.array([1.0, -1.0])
+"""Up in the world is down in SVG."""
 RAY = 0.6
 """Length of a camera's line of sight in the view that turns, as a share of the view's radius."""
 
@@ -87,6 +89,7 @@ def player(
     cameras: Mapping[str, FloatArray] | None = None,
     names: Mapping[str, str] = CURVES,
     first: float | None = None,
+    bodies: Sequence[FloatArray] = (),
 ) -> str:
     """An HTML element that shows the frames, thinned out to what a reader can look at.
 
@@ -98,6 +101,7 @@ def player(
             turns shows.
         names: names of the curves in the legend.
         first: time [s] of the frame that is shown before the slider is moved; None: the last.
+        bodies: closed outlines of what the DLO may touch, in x and z [m], shape (m, 2) each.
 
     Raises:
         InputError: there is no frame, or a spline is not finite.
@@ -116,6 +120,7 @@ def player(
         size = max(p.width for p in pictured), max(p.height for p in pictured)
         views.append({"photograph": True, "box": [0, 0, *size]})
     views += [_grid(everything, axes, spatial) for axes in planes]
+    views[-len(planes)]["bodies"] = [_flat(1e3 * b * FLIP) for b in bodies]
     if spatial:
         views.append(_turning(everything, cameras or {}))
     data = {
@@ -129,7 +134,7 @@ def player(
     legend = {name: names[name] for name in CURVES if any(name in c for c in curves)}
     times = np.array([frame.time for frame in shown])
     at = len(shown) - 1 if first is None else int(np.argmin(np.abs(times - first)))
-    return _element(data, (len(shown), at), legend, arrows if tips else "")
+    return _element(data, (len(shown), at), legend, arrows if tips else "", touching=bool(bodies))
 
 
 def _thinned(frames: Sequence[ShapeFrame], first: float | None = None) -> list[ShapeFrame]:
@@ -253,8 +258,7 @@ def _frame(
         pixels = {name: getattr(photograph, name, None) for name in CURVES}
         drawn.append({k: _flat(v) for k, v in pixels.items() if v is not None})
     solid = {**curves, **_arrows(frame)}
-    flip = np.array([1.0, -1.0])  # up in the world is down in SVG
-    drawn += [{k: _flat(p[:, list(axes)] * flip) for k, p in solid.items()} for axes in planes]
+    drawn += [{k: _flat(p[:, list(axes)] * FLIP) for k, p in solid.items()} for axes in planes]
     if len(planes) > 1:
         drawn.append({k: _flat(p) for k, p in solid.items()})
     before = ""
@@ -288,8 +292,9 @@ def _short(value: float) -> float:
 
 
 def _element(
-    data: dict[str, Any], frames: tuple[int, int], names: Mapping[str, str], arrows: str
-) -> str:
+    data: dict[str, Any], frames: tuple[int, int], names: Mapping[str, str], arrows: str, *,
+    touching: bool,
+) -> str:  # fmt: skip
     count, at = frames
     # "</" inside the data must not end the script element.
     text = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
@@ -305,6 +310,11 @@ def _element(
         legend += (
             '<span><svg viewBox="0 0 40 10"><path class="arrow arrows" d="M4 5H34M28 1L34 5L28 9"/>'
             f"</svg>{escape(typeset(arrows))}</span>"
+        )
+    if touching:
+        legend += (
+            '<span><svg viewBox="0 0 40 10"><path class="body" d="M2 1H38V9H2Z"/></svg>'
+            "peg or wall</span>"
         )
     moved = "" if count > 1 else " hidden"  # a single shape has no time to move through
     return (

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from html_check import checked
+from rods import PAPER
 
 from dlo_ros.errors import InputError
 from dlo_ros.report import (
@@ -25,6 +26,7 @@ from dlo_ros.report import (
 from dlo_ros.report.elements import measured, millimetres, number, table, typeset
 from dlo_ros.report.force import across
 from dlo_ros.report.identification import identification_page
+from dlo_ros.report.outlines import outlines
 from dlo_ros.report.page import write_page
 from dlo_ros.report.plots import LinePlot, ReferenceLine, Series, line_plot
 from dlo_ros.report.shape_player import MOST_FRAMES, player
@@ -191,6 +193,26 @@ def test_player_has_a_view_in_space_that_turns():
     basis = SplineBasis(shown[0].observed.shape[0], LENGTH)
     first = 1e3 * (basis.matrix(np.array([0.0])) @ shown[0].observed[:, :3])[0]
     assert data["frames"][0]["curves"][-1]["observed"][:3] == pytest.approx(list(first), abs=0.06)
+
+
+def test_pegs_and_walls_stand_where_they_are():
+    effects = {
+        "obstacle": {"x": 0.1, "z": -0.05, "radius": 0.01},
+        "wall": {"offset": -0.2, "angle": 0.0},
+    }
+    peg, wall = outlines(PAPER.with_effects(effects))
+    centre = np.array([0.1, -0.05])
+    np.testing.assert_allclose(np.linalg.norm(peg - centre, axis=1), 0.01)
+    np.testing.assert_allclose(peg.mean(axis=0), centre, atol=1e-12)
+    assert wall[:, 1].max() == pytest.approx(-0.2) and np.ptp(wall[:, 0]) > 10.0 * LENGTH
+    assert outlines(PAPER) == ()
+    html = player(frames(depth=0.1), LENGTH, bodies=(peg, wall))
+    views = json.loads(checked(html).scripts[0][1])["views"]
+    drawn = [len(v.get("bodies", ())) for v in views]
+    assert drawn == [2, 0, 0]  # they stand upright on the board
+    xs, ys = views[0]["bodies"][0][::2], views[0]["bodies"][0][1::2]
+    assert (min(xs), max(xs), min(ys), max(ys)) == (90, 110, 40, 60)
+    assert "peg or wall" in html and "peg or wall" not in player(frames(), LENGTH)
 
 
 def test_player_thins_long_recordings_and_keeps_both_ends():

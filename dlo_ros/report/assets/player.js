@@ -43,6 +43,9 @@
   function grid(svg, view) {
     const [x, y, width, height] = view.box;
     const size = letter(view.box);
+    for (const outline of view.bodies || []) {
+      element(svg, "path", {class: "body", d: path(outline) + "Z"});
+    }
     for (const at of view.x_ticks) {
       element(svg, "line", {class: "gridline", x1: at, x2: at, y1: y, y2: y + height});
       element(svg, "text", {class: "tick", x: at + size / 4, y: y + height - size / 3,
