@@ -79,12 +79,13 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     only_err_decides(monkeypatch)
     monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, wholly: linear)
     tilt = proposal_of(PAPER, Start("gravity_tilt", {"angle": 0.0}, ("angle",), ("angle",)))
-    monkeypatch.setattr(cause_naming, "strained", lambda *_: [tilt] * strained)
+    twins = [proposal_of(PAPER, start), tilt] * strained  # the first is the same effect elsewhere
+    monkeypatch.setattr(cause_naming, "strained", lambda *_: twins)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
     softer = replace(PAPER.rod, young_modulus=0.5 * PAPER.rod.young_modulus)
     bare = evaluation(-loss, without)
-    tilted = replace(PAPER, rod=softer).with_effects({"gravity_tilt": {"angle": 0.3}})
-    bare.model = model_of(tilted)
+    effects = {"gravity_tilt": {"angle": 0.3}, "point_mass": {"mass": 0.1, "position": 0.2}}
+    bare.model = model_of(replace(PAPER, rod=softer).with_effects(effects))
     neither = evaluation(-90.0, 5e-3)
 
     def without_some(_, group, *__, wholly):
