@@ -186,3 +186,28 @@ def test_recordings_that_disagree_about_the_stiffness_leave_another_one_possible
     at = SimpleNamespace(model=model, spectra=(), variances=())
     stiffer = model.at(model.theta() + np.array([0.18, 0.0]))
     assert certainty.has_certainly_other_stiffness(stiffer, at) == certain
+
+
+def test_no_friction_is_certain_because_of_the_curvature_within_which_it_would_turn(prepared):
+    keys = ("moment", "curvature")
+    rubs = Start("hysteresis", {"moment": 1e-3, "curvature": 8.0}, (), keys, neutral=False)
+    model, _ = with_proposals(
+        prepared.setup.model, [proposal := proposal_of(prepared.setup.model.settings, rubs)]
+    )
+    at = evaluate(model, prepared.recordings)
+    moment, curvature = (at.model.index(f"effects.hysteresis.{key}") for key in keys)
+    size = abs(at.model.theta()[moment] - at.model.parameters[moment].inner(0.0))
+
+    def shown(of_moment, correlation=0.0):
+        spread = at.posterior.covariance.copy()
+        for k in (moment, curvature):
+            spread[k, :] = spread[:, k] = 0.0
+        spread[moment, moment], spread[curvature, curvature] = (of_moment * size) ** 2, 0.01**2
+        spread[moment, curvature] = spread[curvature, moment] = (
+            correlation * of_moment * size * 0.01
+        )
+        return certain(at, proposal, covariance=spread)
+
+    assert not shown(0.7)
+    assert shown(0.1)
+    assert shown(0.7, correlation=0.99)  # their ratio is known: it stiffens small bends

@@ -142,9 +142,10 @@ def certain(
     spread = at.posterior.covariance if covariance is None else covariance
     h = [at.model.index(n) for n in held if n in at.model.names]
 
-    def information(k: list[int]) -> FloatArray:
+    def information(k: list[int], also: Sequence[int] = ()) -> FloatArray:
         # With some parameters held, the rest of the inverse covariance stays as it is.
-        return np.asarray(np.linalg.inv(spread[np.ix_([*k, *h], [*k, *h])])[: len(k), : len(k)])
+        each = [*k, *h, *also]
+        return np.asarray(np.linalg.inv(spread[np.ix_(each, each)])[: len(k), : len(k)])
 
     k = [at.model.index(n) for n in group.columns or _numbers(group) if n in at.model.names]
     if not k:
@@ -152,9 +153,13 @@ def certain(
     if group.from_nothing:
         off = at.model.offset()[k]
         return float(off @ information(k) @ off) > CERTAIN**2 * len(k)
-    # Several such sizes, a strength and a curvature, do nothing where one is neutral.
-    known = [_from_neutral(at, j) ** 2 * float(information([j])[0, 0]) for j in k]
-    return group.start is not None and max(known) > CERTAIN**2
+    # At neutral a strength does nothing, whatever the effect's scales are: their values count.
+    strengths = [j for j in k if _is_strength(at.model.parameters[j])]
+    scales = [j for j in k if j not in strengths]
+    known = [
+        _from_neutral(at, j) ** 2 * float(information([j], scales)[0, 0]) for j in strengths
+    ]  # fmt: skip
+    return group.start is not None and max(known, default=0.0) > CERTAIN**2
 
 
 def _numbers(group: Proposal) -> list[str]:
@@ -166,6 +171,14 @@ def _numbers(group: Proposal) -> list[str]:
         return []
     keys = quantities(group.effect)
     return [p.name for p in group.parameters if keys[split_name(p.name)[1]].role != "place"]
+
+
+def _is_strength(p: Parameter) -> bool:
+    """Whether a size says how much there is of an effect: at neutral, or far from it where neutral
+    is a limit, there is none. Other sizes are scales, such as a time or a curvature.
+    """
+    q = quantities(p.effect)[split_name(p.name)[1]]
+    return q.from_neutral or not q.lower < q.neutral < q.upper
 
 
 def _from_neutral(at: Evaluation, index: int) -> float:
