@@ -14,7 +14,15 @@ from rods import PAPER
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis.contact import contact_search, undisturbed
 from dlo_ros.diagnosis.contact.contact_search import contacts_beside_set_up, plausible_pegs
-from dlo_ros.diagnosis.contact.peg_places import SLACK, STATIONS, Sight, apart, places, sight
+from dlo_ros.diagnosis.contact.peg_places import (
+    SLACK,
+    STATIONS,
+    Sight,
+    TouchedPeg,
+    apart,
+    places,
+    sight,
+)  # fmt: skip
 from dlo_ros.diagnosis.contact.wall_places import TouchedWall, tangent, walls
 from dlo_ros.effects import Start
 from dlo_ros.identification.offline.drafts import drafts
@@ -65,6 +73,54 @@ def test_a_peg_stands_where_the_rope_is_caught():
     assert all(np.hypot(o.x - best.peg.x, o.z - best.peg.z) > 0.05 for o in others)
     start, *_ = plausible_pegs(view)
     assert start.block["x"] == pytest.approx(0.5 * ROD.length, abs=0.1 * ROD.length)
+
+
+def test_nothing_stands_where_a_dlo_has_been():
+    seen, expected = falling()
+    wrong = np.abs(seen - expected).max(axis=(1, 2)) > 1e-3
+    caught, fallen = (sight(ROD, [x], [expected], [wrong]) for x in (seen, expected))
+    touched = TOP - 0.5 * ROD.diameter
+    x, radius = 0.5 * ROD.length, 0.01
+    peg = TouchedPeg(x, touched - radius, radius)
+    assert not peg.is_entered(caught)
+    assert peg.is_entered(fallen)
+    assert TouchedPeg(x, touched, radius).is_entered(caught)
+    table = TouchedWall(x, float(seen[-1, :, 2].min()), 0.0)
+    assert not table.is_entered(caught)
+    assert table._replace(z=TOP).is_entered(caught)
+    hit = PAPER.with_effects({"obstacle": peg._asdict(), "wall": {"offset": touched, "angle": 0.0}})
+    assert peg.fitted(hit) == pytest.approx(peg)
+    assert table.fitted(hit) == pytest.approx((0.0, TOP, 0.0))
+
+
+def test_a_fit_that_leads_a_peg_to_where_a_dlo_has_been_is_not_taken(monkeypatch):
+    """The recording in which it was hit does not tell that a larger one bars another's way."""
+    seen, expected = falling()
+    wrong = np.abs(seen - expected).max(axis=(1, 2)) > 1e-3
+    view = sight(ROD, [seen], [expected], [wrong])
+    peg = places(view, 0.01)[0].peg
+    hit = contact_search._Disturbed(PAPER, (), 1.0, PAPER, view)
+    monkeypatch.setattr(contact_search._Disturbed, "loss", lambda *_: 1.0)
+    ways = []
+
+    def evaluated(model, _):
+        return SimpleNamespace(model=model, fields=[(np.array([2.0]), None)])
+
+    def led(at, *_, **__):
+        moved = dict(at.model.settings.effects["obstacle"])
+        moved["z"] += ways[-1]
+        settings = at.model.settings.with_effects({"obstacle": moved})
+        there = SimpleNamespace(settings=settings)
+        return SimpleNamespace(model=there, fields=[(np.array([1.0]), None)])
+
+    monkeypatch.setattr(contact_search, "evaluate", evaluated)
+    monkeypatch.setattr(contact_search, "fit", led)
+    found = {}
+    for way in (-0.001, 0.03):
+        ways.append(way)
+        found[way] = hit.fitted(peg)
+    assert found[-0.001][0] == 1.0 and found[0.03][0] == 4.0
+    assert found[0.03][1].block["z"] == pytest.approx(found[-0.001][1].block["z"] + 0.001)
 
 
 def test_what_another_recording_sweeps_holds_no_peg():

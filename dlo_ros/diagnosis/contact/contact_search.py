@@ -70,12 +70,14 @@ class _Disturbed:
     Args:
         scale: scale of the robust loss, see `robust_loss`.
         given: the parameter file.
+        view: all recordings: nothing stands where a DLO has been in any of them.
     """
 
     settings: Settings
     recordings: tuple[Recording, ...]
     scale: float
     given: Settings
+    view: Sight
 
     def loss(self, hit: Touched) -> float | None:
         """The robust loss with something that is hit; None where it cannot be simulated."""
@@ -99,7 +101,8 @@ class _Disturbed:
         unit = STEP * self.given.rod.length
 
         def left(step: FloatArray) -> float:
-            loss = self.loss(hit.stepped(step, unit))
+            there = hit.stepped(step, unit)
+            loss = None if there.is_entered(self.view) else self.loss(there)
             return np.inf if loss is None else loss
 
         simplex = np.vstack([np.zeros(len(hit.steps())), np.diag(hit.steps())])
@@ -112,8 +115,10 @@ class _Disturbed:
             begun = evaluate(self._with(nearest), self.recordings)
         except SimulationError:
             return None
-        at = fit(begun, self.recordings, ITERATIONS, loss=WHITE, draft=True)
         start = nearest.start(self.settings.rod.diameter)
+        at = fit(begun, self.recordings, ITERATIONS, loss=WHITE, draft=True)
+        if nearest.fitted(at.model.settings).is_entered(self.view):
+            at = begun
         squares = sum(float(np.sum(r**2)) for r, _ in at.fields)
         return squares, replace(start, block=at.model.settings.effects[start.effect])
 
@@ -159,9 +164,9 @@ def _contacts(drafts: Sequence[Recording], given: Settings, before: Undisturbed)
     wrong = outlier_frames(at, drafts, before.scale)
     disturbed = [k for k, w in enumerate(wrong) if w.any()]
     view = sight(settings.rod, [d.observed for d in drafts], at.predicted, wrong)
-    hit = _Disturbed(settings, tuple(drafts[k] for k in disturbed), before.scale, given)
+    hit = _Disturbed(settings, tuple(drafts[k] for k in disturbed), before.scale, given, view)
     most = CLEARLY_LESS * robust_loss(at.of(disturbed), hit.recordings, before.scale)
-    pegs, walls_ = _best_pegs(hit, view), _best_walls(hit, view)
+    pegs, walls_ = _best_pegs(hit), _best_walls(hit)
     best = min((loss for loss, _ in (*pegs, *walls_)), default=0.0)
     most = min(most, CERTAIN**2 * best)
     fits: list[tuple[float, Start]] = []
@@ -173,16 +178,16 @@ def _contacts(drafts: Sequence[Recording], given: Settings, before: Undisturbed)
     return [start for _, start in sorted(kept, key=lambda f: f[0])]
 
 
-def _best_pegs(hit: _Disturbed, view: Sight) -> list[tuple[float, TouchedPeg]]:
+def _best_pegs(hit: _Disturbed) -> list[tuple[float, TouchedPeg]]:
     """The pegs that leave least, apart from each other."""
-    some = apart(_likely(view), DISTANCE * hit.given.rod.length, SIMULATED)
+    some = apart(_likely(hit.view), DISTANCE * hit.given.rod.length, SIMULATED)
     return sorted(hit.losses(some), key=lambda t: t[0])[:FITTED]
 
 
-def _best_walls(hit: _Disturbed, view: Sight) -> list[tuple[float, TouchedWall]]:
+def _best_walls(hit: _Disturbed) -> list[tuple[float, TouchedWall]]:
     """The walls that leave least, of different directions."""
     best: dict[float, tuple[float, TouchedWall]] = {}
-    for loss, wall in sorted(hit.losses(walls(view)), key=lambda t: t[0]):
+    for loss, wall in sorted(hit.losses(walls(hit.view)), key=lambda t: t[0]):
         best.setdefault(wall.angle, (loss, wall))
     return list(best.values())[:FITTED]
 

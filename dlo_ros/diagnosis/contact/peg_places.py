@@ -10,8 +10,9 @@ import numpy as np
 
 from dlo_ros.effects import Peg, Start
 from dlo_ros.effects.physics.obstacle import Obstacle
+from dlo_ros.inference.parameter import value_of
 from dlo_ros.inference.thresholds import SLACK
-from dlo_ros.parameters import RodParameters
+from dlo_ros.parameters import RodParameters, Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 TRIED = 150
@@ -41,6 +42,20 @@ class TouchedPeg(Peg):
         """The peg that is moved by a step (3,), of a unit [m], and larger."""
         dx, dz = (unit * step[:2]).tolist()
         return TouchedPeg(self.x + dx, self.z + dz, self.radius * float(np.exp(step[2])))
+
+    def fitted(self, settings: Settings) -> TouchedPeg:
+        """The peg of a model that contains one."""
+        numbers = (value_of(settings, Obstacle.parameter(key)) for key in self._fields)
+        return TouchedPeg(*numbers)
+
+    def is_entered(self, view: Sight) -> bool:
+        """Whether an observed shape lies where the peg is.
+
+        One that touches it may pass it by the rope's radius, where a tracker sees the side that the
+        rope turns to it.
+        """
+        centre = np.array(self[:2])
+        return self.radius - min(float(_distance(s, centre).min()) for s in view.seen) > SLACK
 
 
 @dataclass(frozen=True)
@@ -100,14 +115,13 @@ def sight(
 def places(view: Sight, radius: float) -> list[Place]:
     """Pegs of one radius [m] that may have been hit, the most likely first.
 
-    The pictures that a peg explains begin where the prediction meets it first. An observed shape
-    may pass a peg by the rope's radius, where a tracker sees the side that the rope turns to it.
+    The pictures that a peg explains begin where the prediction meets it first.
     """
-    thickness = 0.5 * view.rod.diameter
-    away, deepest = radius + thickness, thickness + SLACK
+    away = radius + 0.5 * view.rod.diameter
     found = []
     for centre in _beside(view, away):
-        if away - min(_distance(s, centre).min() for s in view.seen) > deepest:
+        peg = TouchedPeg(float(centre[0]), float(centre[1]), radius)
+        if peg.is_entered(view):
             continue
         left, touched = 0, 0
         for s, e, wrong in zip(view.seen, view.expected, view.wrong, strict=True):
@@ -115,7 +129,7 @@ def places(view: Sight, radius: float) -> list[Place]:
             first = int(met[0]) if len(met) else len(wrong)
             left += int(wrong[:first].sum() + (~wrong[first : first + AFTER]).sum())
             touched += int(np.sum(_distance(s[first:], centre) - away < SLACK))
-        found.append(Place(TouchedPeg(float(centre[0]), float(centre[1]), radius), left, touched))
+        found.append(Place(peg, left, touched))
     return sorted(found, key=lambda p: (p.left, -p.touched))
 
 

@@ -16,7 +16,9 @@ import numpy as np
 from dlo_ros.diagnosis.contact.peg_places import Sight
 from dlo_ros.effects import Start
 from dlo_ros.effects.physics.wall import StraightWall
+from dlo_ros.inference.parameter import value_of
 from dlo_ros.inference.thresholds import SLACK
+from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 DIRECTIONS = 24
@@ -57,6 +59,20 @@ class TouchedWall(NamedTuple):
         """The wall that is moved by a step (2,) along its normal, of a unit [m], and turned."""
         x, z = (self[:2] + unit * step[0] * normal(self.angle)).tolist()
         return TouchedWall(x, z, self.angle + float(step[1]))
+
+    def fitted(self, settings: Settings) -> TouchedWall:
+        """The wall of a model that contains one, where it is nearest to the origin."""
+        offset, angle = (
+            value_of(settings, StraightWall.parameter(key)) for key in ("offset", "angle")
+        )
+        x, z = ((offset + 0.5 * settings.rod.diameter) * normal(angle)).tolist()
+        return TouchedWall(x, z, angle)
+
+    def is_entered(self, view: Sight) -> bool:
+        """Whether observed shapes reach behind the wall."""
+        across = normal(self.angle)
+        reached = tangent(view, self.angle)
+        return float(across @ self[:2] - across @ reached[:2]) > SLACK
 
 
 def walls(view: Sight) -> list[TouchedWall]:
