@@ -129,14 +129,19 @@ def test_a_set_up_is_no_cause_whose_reported_uncertainty_leaves_it_within_its_to
     assert still_certain(found, turned, wide).causes == ()
 
 
+def beside_set_up(prepared, start):
+    """An effect beside the set-up, simulated where it begins, and its proposal."""
+    model, _ = with_proposals(
+        prepared.setup.model, [proposal := proposal_of(prepared.setup.model.settings, start)]
+    )
+    return evaluate(model, prepared.recordings), proposal
+
+
 def test_a_plug_is_none_of_which_neither_mass_nor_length_is_known(prepared):
     """It begins at a finite length, where no derivative tells of it."""
     keys = ("mass", "extent")
     plug = Start("connector", {"mass": 1e-3, "extent": 0.02}, (), keys, neutral=False)
-    model, _ = with_proposals(
-        prepared.setup.model, [proposal := proposal_of(prepared.setup.model.settings, plug)]
-    )
-    at = evaluate(model, prepared.recordings)
+    at, proposal = beside_set_up(prepared, plug)
     mass, extent = (at.model.index(f"effects.connector.{key}") for key in keys)
     size = abs(at.model.theta()[mass] - at.model.parameters[mass].inner(0.0))
     log = at.model.parameters[extent].logarithmic
@@ -191,10 +196,7 @@ def test_recordings_that_disagree_about_the_stiffness_leave_another_one_possible
 def test_no_friction_is_certain_because_of_the_curvature_within_which_it_would_turn(prepared):
     keys = ("moment", "curvature")
     rubs = Start("hysteresis", {"moment": 1e-3, "curvature": 8.0}, (), keys, neutral=False)
-    model, _ = with_proposals(
-        prepared.setup.model, [proposal := proposal_of(prepared.setup.model.settings, rubs)]
-    )
-    at = evaluate(model, prepared.recordings)
+    at, proposal = beside_set_up(prepared, rubs)
     moment, curvature = (at.model.index(f"effects.hysteresis.{key}") for key in keys)
     size = abs(at.model.theta()[moment] - at.model.parameters[moment].inner(0.0))
 

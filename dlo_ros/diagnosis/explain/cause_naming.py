@@ -245,8 +245,10 @@ def named(
             values = bare.model.settings.effects
             both = tuple(p for g in (group, *twins) for p in g.parameters)
             neither = without(at, replace(group, parameters=both), recordings, wholly=True) or bare
-            others = values.keys() - {group.effect}  # a twin may be the same of the other end
-            rivals = {t.effect: values[t.effect] for t in twins if t.effect in others}
+            rivals = {
+                t.effect: values[t.effect] for t in twins
+                if t.effect in values and t.effect != group.effect  # it may be the other end's
+            }  # fmt: skip
             instead |= dict.fromkeys(rivals, _changes(at, bare, group))
             result.append(_cause(group, rivals, at, neither))
         elif group.start is not None:
@@ -256,8 +258,8 @@ def named(
         _, first = max(shared, key=lambda row: row[0])
         if judge.matters(first, setup):
             effects = at.model.settings.effects
-            shares = {c.effect: effects[c.effect] for _, c in shared if c.effect != first.effect}
-            result.append(_cause(first, shares, at, setup))
+            others = {c.effect: effects[c.effect] for _, c in shared if c.effect != first.effect}
+            result.append(_cause(first, others, at, setup))
     causes = _merged(result)
     told = {rival for cause in causes for rival in cause.rivals}
     return causes, shifts | {r: instead[r] for r in told & instead.keys()}

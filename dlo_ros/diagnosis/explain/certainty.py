@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
-from dlo_ros.effects import effects, quantities
+from dlo_ros.effects import Quantity, effects, quantities
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.parameter import SLAB, Parameter, ParametricModel, split_name
 from dlo_ros.inference.thresholds import BEYOND, CERTAIN, NOTABLE
@@ -124,7 +124,12 @@ def _sizes(
 
 def _geometric(p: Parameter) -> bool:
     """Whether a parameter is a place, of which none is neutral."""
-    return bool(p.effect) and quantities(p.effect)[split_name(p.name)[1]].geometric
+    return bool(p.effect) and _quantity(p).geometric
+
+
+def _quantity(p: Parameter) -> Quantity:
+    """The quantity of an effect that a parameter is."""
+    return quantities(p.effect)[split_name(p.name)[1]]
 
 
 def certain(
@@ -177,7 +182,7 @@ def _is_strength(p: Parameter) -> bool:
     """Whether a size says how much there is of an effect: at neutral, or far from it where neutral
     is a limit, there is none. Other sizes are scales, such as a time or a curvature.
     """
-    q = quantities(p.effect)[split_name(p.name)[1]]
+    q = _quantity(p)
     return q.from_neutral or not q.lower < q.neutral < q.upper
 
 
@@ -186,7 +191,7 @@ def _from_neutral(at: Evaluation, index: int) -> float:
     that the logarithm does not reach.
     """
     p = at.model.parameters[index]
-    q = quantities(p.effect)[split_name(p.name)[1]]
+    q = _quantity(p)
     if p.logarithmic and not q.lower < q.neutral < q.upper:
         return 1.0
     return float(at.model.theta()[index]) - p.inner(q.neutral)
