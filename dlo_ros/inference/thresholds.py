@@ -128,8 +128,8 @@ where it goes."""
 
 # What was hit.
 UNEXPLAINED_PICTURES = 0.3
-"""Share of the outlier pictures that a peg may leave unexplained: its place is rough yet, and
-simulations judge it after that."""
+"""Share of the outlier pictures that a peg may leave unexplained of the recordings in which it was
+hit: its place is rough yet, and simulations judge it after that."""
 SLACK = 1.5e-3
 """Depth [m] by which an observed shape may seem to reach into a peg or wall: noise, and the
 spline's own error."""

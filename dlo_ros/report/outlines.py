@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -15,7 +16,10 @@ DEPTH = 20.0
 
 
 def outlines(settings: RodSettings) -> tuple[FloatArray, ...]:
-    """Closed outlines in x and z [m], shape (m, 2) each; none where the DLO touches nothing."""
+    """Closed outlines in x and z [m], shape (m, 2) each; none where the DLO touches nothing.
+
+    They stand where the camera shows them, as it shows the DLO.
+    """
     length = settings.rod.length
     body = settings.body(SplineBasis(settings.rod.control_points, length))
     turn = np.linspace(0.0, 2.0 * np.pi, CORNERS, endpoint=False)
@@ -25,4 +29,5 @@ def outlines(settings: RodSettings) -> tuple[FloatArray, ...]:
     walls = []
     for x, z, offset in body.walls:  # its unit normal, and its face along that
         walls.append(offset * np.array([x, z]) + sides @ np.array([[-z, x], [x, z]]))
-    return (*pegs, *walls)
+    camera = MeasurementMap(settings)
+    return tuple(camera.measured(np.insert(o, 1, 0.0, axis=1))[:, [0, 2]] for o in (*pegs, *walls))

@@ -55,11 +55,13 @@ class MeasurementMap:
         return np.concatenate([seen, shape[..., 3:]], axis=-1)
 
     def true(self, shape: FloatArray) -> FloatArray:
-        """The inverse of `measured`."""
-        points = shape[:, :3]
+        """The inverse of `measured`, theta or not; shape (..., n, 3 or more)."""
+        if not self._effects:
+            return shape
+        points = shape[..., :3].reshape(-1, 3)
         for effect in reversed(self._effects):
             points = effect.true(points)
-        return np.column_stack([points, shape[:, 3]]) if self._effects else shape
+        return np.concatenate([points.reshape(*shape.shape[:-1], 3), shape[..., 3:]], axis=-1)
 
     def sensitivity(
         self, shape: FloatArray, velocity: FloatArray, change: FloatArray

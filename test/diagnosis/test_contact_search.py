@@ -31,7 +31,9 @@ from dlo_ros.identification.residual_noise import whitened
 from dlo_ros.inference.joint import simulate
 from dlo_ros.inference.priors import cause_priors, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.inference.thresholds import UNEXPLAINED_PICTURES
 from dlo_ros.parameters import Settings
+from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.spline import SplineBasis
 
 ROD = PAPER.rod
@@ -60,7 +62,7 @@ def falling(frames=30, rod=ROD):
 def test_a_peg_stands_where_the_rope_is_caught():
     seen, expected = falling()
     wrong = np.abs(seen - expected).max(axis=(1, 2)) > 1e-3
-    view = sight(ROD, [seen], [expected], [wrong])
+    view = sight(PAPER, [seen], [expected], [wrong])
     radius = 0.01
     best = places(view, radius)[0]
     assert view.count == np.count_nonzero(wrong) > 10
@@ -75,10 +77,49 @@ def test_a_peg_stands_where_the_rope_is_caught():
     assert start.block["x"] == pytest.approx(0.5 * ROD.length, abs=0.1 * ROD.length)
 
 
+def test_a_peg_stands_on_the_board_and_not_where_a_camera_that_is_off_shows_it():
+    seen, expected = falling()
+    wrong = np.abs(seen - expected).max(axis=(1, 2)) > 1e-3
+    off = {
+        "camera_scale": {"ratio": 1.07},
+        "camera_rotation": {"angle": 0.1},
+        "camera_shift": {"x": 0.02, "z": -0.03},
+    }
+    there = PAPER.with_effects(off)
+    camera = MeasurementMap(there)
+    shown = [camera.measured(shapes) for shapes in (seen, expected)]
+    assert np.abs(shown[0] - seen).max() > 0.03
+    view, as_shown = (
+        sight(there, shown[:1], shown[1:], [wrong]),
+        sight(PAPER, *[[s] for s in shown], [wrong]),
+    )
+    true = sight(PAPER, [seen], [expected], [wrong])
+    np.testing.assert_allclose(view.seen[0], true.seen[0], atol=1e-12)
+    np.testing.assert_allclose(view.expected[0], true.expected[0], atol=1e-12)
+    x, z, _ = places(view, 0.01)[0].peg
+    assert x == pytest.approx(0.5 * ROD.length, abs=0.05 * ROD.length)
+    assert z + 0.01 + 0.5 * ROD.diameter == pytest.approx(TOP, abs=3e-3)
+    assert places(as_shown, 0.01)[0].peg.z < z - 0.01
+
+
+def test_what_is_wrong_in_another_recording_hides_no_peg():
+    seen, expected = falling()
+    wrong = np.abs(seen - expected).max(axis=(1, 2)) > 1e-3
+    # The other one goes astray to the side, far from where the peg stands.
+    away, astray = expected.copy(), np.ones(len(seen), dtype=np.bool_)
+    away[:, :, 0] += 2.0 * ROD.length
+    view = sight(PAPER, [seen, 1.1 * away], [expected, away], [wrong, astray])
+    best = places(view, 0.01)[0]
+    assert best.left >= len(astray) > UNEXPLAINED_PICTURES * view.count
+    assert best.met == np.count_nonzero(wrong)
+    start, *_ = plausible_pegs(view)
+    assert start.block["x"] == pytest.approx(0.5 * ROD.length, abs=0.1 * ROD.length)
+
+
 def test_nothing_stands_where_a_dlo_has_been():
     seen, expected = falling()
     wrong = np.abs(seen - expected).max(axis=(1, 2)) > 1e-3
-    caught, fallen = (sight(ROD, [x], [expected], [wrong]) for x in (seen, expected))
+    caught, fallen = (sight(PAPER, [x], [expected], [wrong]) for x in (seen, expected))
     touched = TOP - 0.5 * ROD.diameter
     x, radius = 0.5 * ROD.length, 0.01
     peg = TouchedPeg(x, touched - radius, radius)
@@ -97,7 +138,7 @@ def test_a_fit_that_leads_a_peg_to_where_a_dlo_has_been_is_not_taken(monkeypatch
     """The recording in which it was hit does not tell that a larger one bars another's way."""
     seen, expected = falling()
     wrong = np.abs(seen - expected).max(axis=(1, 2)) > 1e-3
-    view = sight(ROD, [seen], [expected], [wrong])
+    view = sight(PAPER, [seen], [expected], [wrong])
     peg = places(view, 0.01)[0].peg
     hit = contact_search._Disturbed(PAPER, (), 1.0, PAPER, view)
     monkeypatch.setattr(contact_search._Disturbed, "loss", lambda *_: 1.0)
@@ -127,7 +168,7 @@ def test_what_another_recording_sweeps_holds_no_peg():
     seen, expected = falling()
     wrong = np.abs(seen - expected).max(axis=(1, 2)) > 1e-3
     free = np.zeros(len(seen), dtype=np.bool_)
-    view = sight(ROD, [seen, expected], [expected, expected], [wrong, free])
+    view = sight(PAPER, [seen, expected], [expected, expected], [wrong, free])
     assert places(view, 0.01) == []
     assert plausible_pegs(view) == []
 
@@ -225,8 +266,8 @@ def test_what_goes_astray_without_meeting_anything_is_no_peg():
     seen, expected = falling()
     # Off from the beginning, long before the rope is where the peg would be.
     wrong = np.ones(len(seen), dtype=np.bool_)
-    assert places(sight(ROD, [seen], [expected], [wrong]), 0.01)[0].left >= HIT - 1
-    assert plausible_pegs(sight(ROD, [seen], [expected], [wrong])) == []
+    assert places(sight(PAPER, [seen], [expected], [wrong]), 0.01)[0].left >= HIT - 1
+    assert plausible_pegs(sight(PAPER, [seen], [expected], [wrong])) == []
 
 
 def test_a_picture_is_disturbed_that_deviates_clearly_more_than_those_fitted(monkeypatch):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from field import draw, evaluate, generate
 from field.evaluate import Result, judge
-from field.generate import Slip, compared
+from field.generate import Slip, compared, with_causes
 from field.nuisances import Errors, set_up, smooth
 from field.pictures import Cluttered, drawn
 
@@ -21,6 +21,9 @@ from dlo_ros.identification import identify
 from dlo_ros.parameters import Settings
 from dlo_ros.synthesis.experiment import read_experiment
 from dlo_ros.synthesis.render import Renderer
+
+PLAIN = {"parameters": {"rod": {"young_modulus": 1e6, "density": 1e3}}}
+"""As much of an experiment file as effects are added to."""
 
 
 def solved(folder, case, bags):
@@ -193,6 +196,26 @@ def test_each_effect_has_a_rope_of_its_own(monkeypatch):
     known = np.random.default_rng([7, 0])  # as it was before causes could be asked for
     known.choice(list(generate.NAMED), 0, replace=False)
     assert draw(7, 0, own_rope=True) == known.random()
+
+
+@pytest.mark.parametrize(("beside_drag", "shows"), [(15.0, True), (3.9, False)])
+def test_a_cause_that_another_one_hides_is_not_drawn(beside_drag, shows):
+    """A rope that the air holds back may pass by the peg."""
+    strengths = {"obstacle": {"x": 0.1}, "quadratic_drag": {"coefficient": 0.4}}
+    bare = generate.Case(1, {}, {"camera_scale": {"ratio": 1.01}}, {}, ("swing",), (PLAIN,))
+
+    def residual(known, cause):
+        (name,) = cause
+        assert set(known) == {"camera_scale", *strengths} - {name}
+        return beside_drag if name == "obstacle" else 9.0
+
+    found = with_causes(bare, tuple(strengths), lambda name: (strengths[name], 12.0), residual)
+    if not shows:
+        assert found is None
+        return
+    assert found.ratio == {"obstacle": 15.0, "quadratic_drag": 9.0}
+    assert tuple(found.causes) == ("obstacle", "quadratic_drag")
+    assert found.trees[0]["parameters"]["effects"] == bare.set_up | strengths
 
 
 def test_effects_can_be_asked_for_by_name(monkeypatch, capsys):

@@ -105,7 +105,7 @@ class Case:
         seed: seed of all random numbers.
         causes: values of what is to be found, the main one first.
         set_up: errors of the set-up.
-        ratio: residual of each cause over the measurement's own errors.
+        ratio: residual of each cause beside the others, over the measurement's own errors.
         manipulations: names of the manipulations.
         trees: an experiment file for each recording.
     """
@@ -293,8 +293,12 @@ def _try(rng: np.random.Generator, seed: int, names: tuple[str, ...]) -> Case | 
     refit = Refit(trees, OWN * length, 0.015 if weighed else 0.5, errors)
     scene = _scene(parameters, chosen, refit)
     bare = Case(seed, {}, errors, {}, tuple(m.name for m in chosen), tuple(trees))
+
+    def residual(known: dict, cause: dict) -> float:
+        return Refit(trees, refit.noise, refit.density_std, known).ratio(cause, {})[0]
+
     return with_causes(
-        bare, names, lambda name: _visible(rng, refit, name, NAMED[name](rng, scene))
+        bare, names, lambda name: _visible(rng, refit, name, NAMED[name](rng, scene)), residual
     )
 
 
@@ -304,26 +308,38 @@ def clamped(chosen: list[manipulations.Manipulation]) -> tuple[str, ...]:
 
 
 def with_causes(
-    bare: Case, names: tuple[str, ...], drawn: Callable[[str], tuple[dict | None, float]]
+    bare: Case,
+    names: tuple[str, ...],
+    drawn: Callable[[str], tuple[dict | None, float]],
+    residual: Callable[[dict, dict], float],
 ) -> Case | None:
-    """A case with causes that show; None where one does not.
+    """A case with causes that show, alone and beside each other; None where one does not.
 
     Args:
         bare: the case without them.
         names: names of the causes.
         drawn: function that returns the values of a cause, given its name, None where it does not
             show, and the residual that it leaves over the measurement's own errors.
+        residual: function that returns this residual, given all effects but a cause, and the cause.
     """
     causes, ratios = {}, {}
     for name in names:
         block, ratio = drawn(name)
         if block is None:
             return None
-        causes[name], ratios[name] = block, round(ratio, 1)
+        causes[name], ratios[name] = block, ratio
+    set_up = {k: v for k, v in bare.set_up.items() if k not in causes}
+    if len(names) > 1:
+        # A DLO that moves otherwise because of another cause may pass by a peg.
+        for name, block in causes.items():
+            others = {k: v for k, v in causes.items() if k != name}
+            ratios[name] = residual(beside(set_up, others), {name: block})
+    if any(ratio < VISIBLE[0] for ratio in ratios.values()):
+        return None
     effects = beside(bare.set_up, causes)
     return replace(
-        bare, causes=dict(sorted(causes.items(), key=lambda c: -ratios[c[0]])), ratio=ratios,
-        set_up={k: v for k, v in bare.set_up.items() if k not in causes},
+        bare, causes=dict(sorted(causes.items(), key=lambda c: -ratios[c[0]])), set_up=set_up,
+        ratio={name: round(ratio, 1) for name, ratio in ratios.items()},
         trees=tuple(changed(tree, effects, {}) for tree in bare.trees),
     )  # fmt: skip
 

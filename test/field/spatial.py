@@ -221,7 +221,11 @@ def _try(rng: np.random.Generator, seed: int, names: tuple[str, ...]) -> Case | 
     refit = LinearRefit(trees, OWN * length, errors)
     scene = _scene(trees[0]["parameters"], ends, refit.plain)
     bare = Case(seed, {}, errors, {}, tuple(m.name for m in chosen), tuple(trees))
-    return with_causes(bare, names, lambda name: _shown(rng, refit, name, scene))
+
+    def residual(known: dict, cause: dict) -> float:
+        return LinearRefit(trees, refit.size, known).ratio(cause)[0]
+
+    return with_causes(bare, names, lambda name: _shown(rng, refit, name, scene), residual)
 
 
 def _shown(

@@ -206,6 +206,11 @@ def test_pegs_and_walls_stand_where_they_are():
     np.testing.assert_allclose(peg.mean(axis=0), centre, atol=1e-12)
     assert wall[:, 1].max() == pytest.approx(-0.2) and np.ptp(wall[:, 0]) > 10.0 * LENGTH
     assert outlines(PAPER) == ()
+    # The camera shows it elsewhere, as it shows the DLO.
+    off = effects | {"camera_scale": {"ratio": 1.25}, "camera_shift": {"x": 0.02, "z": 0.0}}
+    shown, _ = outlines(PAPER.with_effects(off))
+    np.testing.assert_allclose(shown.mean(axis=0), [0.08 + 0.02, -0.04], atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(shown - shown.mean(axis=0), axis=1), 0.008)
     html = player(frames(depth=0.1), LENGTH, bodies=(peg, wall))
     views = json.loads(checked(html).scripts[0][1])["views"]
     drawn = [len(v.get("bodies", ())) for v in views]

@@ -163,7 +163,7 @@ def _contacts(drafts: Sequence[Recording], given: Settings, before: Undisturbed)
     at, settings = before.at, before.model.settings
     wrong = outlier_frames(at, drafts, before.scale)
     disturbed = [k for k, w in enumerate(wrong) if w.any()]
-    view = sight(settings.rod, [d.observed for d in drafts], at.predicted, wrong)
+    view = sight(settings, [d.observed for d in drafts], at.predicted, wrong)
     hit = _Disturbed(settings, tuple(drafts[k] for k in disturbed), before.scale, given, view)
     most = CLEARLY_LESS * robust_loss(at.of(disturbed), hit.recordings, before.scale)
     pegs, walls_ = _best_pegs(hit), _best_walls(hit)
@@ -200,9 +200,15 @@ def plausible_pegs(view: Sight) -> list[Start]:
 
 
 def _likely(view: Sight) -> list[TouchedPeg]:
-    """The pegs that explain most of the outlier frames, if they explain enough of them."""
+    """The pegs that explain most of the outlier frames, if they explain enough where they stand.
+
+    In a recording in which the DLO does not come near them something else is wrong.
+    """
     found = [p for radius in RADII for p in places(view, radius)]
     found.sort(key=lambda p: (p.left, -p.touched))
-    if not found or found[0].left > UNEXPLAINED_PICTURES * view.count:
+    if not found:
         return []
-    return [p.peg for p in found if p.left <= found[0].left + SMALL_SHARE * view.count]
+    best = found[0]
+    if best.left - (view.count - best.met) > UNEXPLAINED_PICTURES * best.met:
+        return []
+    return [p.peg for p in found if p.left <= best.left + SMALL_SHARE * view.count]

@@ -13,6 +13,8 @@ from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.inference.parameter import value_of
 from dlo_ros.inference.thresholds import SLACK
 from dlo_ros.parameters import RodParameters, Settings
+from dlo_ros.rod.measured_shapes import MeasurementMap
+from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 TRIED = 150
@@ -65,17 +67,21 @@ class Place:
     Args:
         left: number of outlier frames before the prediction has met the peg, and of frames that are
             right although it just has.
+        met: number of outlier frames of those recordings in which the prediction meets it.
         touched: number of pictures in which the DLO touches the peg.
     """
 
     peg: TouchedPeg
-    left: float
+    left: int
+    met: int
     touched: int
 
 
 @dataclass(frozen=True)
 class Sight:
-    """Recordings as points in the board's plane [m], shape (F, STATIONS, 2) each.
+    """Recordings as true points in the board's plane [m], shape (F, STATIONS, 2) each.
+
+    A peg stands on the board: where the camera shows the DLO elsewhere it shows the peg, too.
 
     Args:
         rod: length and diameter of the model.
@@ -95,20 +101,22 @@ class Sight:
 
 
 def sight(
-    rod: RodParameters, observed: Sequence[FloatArray], predicted: Sequence[FloatArray],
+    settings: RodSettings, observed: Sequence[FloatArray], predicted: Sequence[FloatArray],
     wrong: Sequence[np.ndarray],
 ) -> Sight:  # fmt: skip
-    """Points of the observed and predicted shapes of recordings.
+    """True points of the observed and predicted shapes of recordings.
 
     Args:
+        settings: the model, of whose camera the true points are.
         observed, predicted: control points of each recording [m], shape (F, n, 3 or more).
         wrong: see `Sight`.
     """
+    rod, camera = settings.rod, MeasurementMap(settings)
     basis = SplineBasis(rod.control_points, rod.length)
     values = basis.matrix(np.linspace(0.04, 1.0, STATIONS) * rod.length)
-    expected = tuple(values @ p[..., [0, 2]] for p in predicted)
+    expected = tuple(values @ camera.true(p)[..., [0, 2]] for p in predicted)
     pairs = zip(observed, expected, strict=True)
-    seen = tuple(values @ o[-len(e) :, :, [0, 2]] for o, e in pairs)
+    seen = tuple(values @ camera.true(o[-len(e) :])[..., [0, 2]] for o, e in pairs)
     return Sight(rod, seen, expected, tuple(wrong))
 
 
@@ -123,13 +131,14 @@ def places(view: Sight, radius: float) -> list[Place]:
         peg = TouchedPeg(float(centre[0]), float(centre[1]), radius)
         if peg.is_entered(view):
             continue
-        left, touched = 0, 0
+        left, hit, touched = 0, 0, 0
         for s, e, wrong in zip(view.seen, view.expected, view.wrong, strict=True):
             met = np.flatnonzero(away - _distance(e, centre) > 0.5 * SLACK)
             first = int(met[0]) if len(met) else len(wrong)
             left += int(wrong[:first].sum() + (~wrong[first : first + AFTER]).sum())
+            hit += int(wrong.sum()) if len(met) else 0
             touched += int(np.sum(_distance(s[first:], centre) - away < SLACK))
-        found.append(Place(peg, left, touched))
+        found.append(Place(peg, left, hit, touched))
     return sorted(found, key=lambda p: (p.left, -p.touched))
 
 

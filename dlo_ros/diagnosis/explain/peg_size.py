@@ -25,6 +25,7 @@ from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import HELD, ParametricModel, value_of
 from dlo_ros.inference.thresholds import WORTH
+from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.spline import FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
@@ -104,11 +105,12 @@ def resized(at: Evaluation, size: float) -> ParametricModel:
 
 
 def curves(at: Evaluation) -> FloatArray:
-    """Points x, z of all predicted shapes [m], shape (K, 2)."""
-    rod = at.model.settings.rod
+    """True points x, z of all predicted shapes [m], shape (K, 2)."""
+    rod, camera = at.model.settings.rod, MeasurementMap(at.model.settings)
     basis = SplineBasis(rod.control_points, rod.length)
     matrix = basis.matrix(np.linspace(0.0, rod.length, PLACES), 0)
-    return np.concatenate([(matrix @ p[..., [0, 2]]).reshape(-1, 2) for p in at.predicted])
+    shapes = (camera.true(p)[..., [0, 2]] for p in at.predicted)
+    return np.concatenate([(matrix @ shape).reshape(-1, 2) for shape in shapes])
 
 
 def _radius(model: ParametricModel) -> float:

@@ -179,7 +179,7 @@ def _proposals(at: Simulated, recording: Recording, view: Scene, noise: float) -
     """
     size = np.linalg.norm(at.fields[0][0], axis=1)
     wrong = size > np.sqrt(noise * size.max())
-    seen = sight(at.model.settings.rod, [recording.observed], at.predicted, [wrong])
+    seen = sight(at.model.settings, [recording.observed], at.predicted, [wrong])
     pegs = [proposal_of(at.model.settings, start) for start in plausible_pegs(seen)]
     result: list[Proposal] = []
     for p in (*added(at.model, starts(view)), *pegs):
