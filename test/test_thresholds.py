@@ -38,7 +38,6 @@ SETTINGS = {
     "linearised_model.FLAT",
     "wrench_identification.ROUNDING",
     # How much is tried, kept or shown.
-    "cause_naming.RIVAL_FITS",
     "cause_search.MOST_CAUSES",
     "confirmed_uncertainty.LONGEST",
     "joint_fit.SECANTS",
@@ -46,6 +45,7 @@ SETTINGS = {
     "peg_places.BENT",
     "relations.CLEAR",
     "relations.MOST_INPUTS",
+    "rivals.RIVAL_FITS",
     "suspects.AT_MOST",
     # How many pictures, messages or seconds a method takes.
     "first_motion.PICTURES",

@@ -10,6 +10,11 @@ from dlo_ros.inference.thresholds import CERTAIN, WORTH
 from dlo_ros.spline import FloatArray
 
 
+def evidence_lost(at: Evaluation, bare: Evaluation) -> float:
+    """Log evidence that is lost without a part of a model."""
+    return at.posterior.evidence - bare.posterior.evidence
+
+
 def tells_apart(better: Evaluation, other: Evaluation) -> bool:
     """Whether the same recordings show for certain that one model is better than another one.
 
@@ -19,7 +24,7 @@ def tells_apart(better: Evaluation, other: Evaluation) -> bool:
     of the spectrum (Vuong, Likelihood ratio tests for model selection and non-nested hypotheses,
     1989).
     """
-    gain = better.posterior.evidence - other.posterior.evidence
+    gain = evidence_lost(better, other)
     return gain > max(WORTH, CERTAIN * evidence_std(better, other))
 
 

@@ -32,7 +32,7 @@ def only_err_decides(monkeypatch):
     """A single cause, certain, which neither the set-up nor a plain rod stands for."""
     monkeypatch.setattr(cause_naming, "certain", lambda *_: True)
     monkeypatch.setattr(cause_naming, "beyond", lambda *_: [])
-    monkeypatch.setattr(cause_naming, "_rivals", lambda *_, **__: {})
+    monkeypatch.setattr(cause_naming, "rivals_of", lambda *_, **__: {})
     monkeypatch.setattr(cause_naming, "strained", lambda *_: [])
     monkeypatch.setattr(cause_naming, "has_certainly_other_stiffness", lambda *_: False)
 
@@ -118,7 +118,7 @@ def test_the_stiffness_beside_a_rival_is_doubtful(monkeypatch, acts):
     at.model = bare.model = model_of(PAPER)
     other.model = model_of(replace(PAPER, rod=softer))
     rivals = {"constant_force": (other, {"x": 0.3})} if acts else {}
-    monkeypatch.setattr(cause_naming, "_rivals", lambda *_, **__: rivals)
+    monkeypatch.setattr(cause_naming, "rivals_of", lambda *_, **__: rivals)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
     bares = {proposal_of(PAPER, mass).label: bare}
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, mass),), offer=SERVING)

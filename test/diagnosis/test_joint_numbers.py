@@ -9,6 +9,7 @@ from experiment_recordings import moving
 
 from dlo_ros.diagnosis.explain.candidate_trials import fitted
 from dlo_ros.diagnosis.explain.cause_naming import Cause
+from dlo_ros.diagnosis.explain.certainty import SCALES
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.findings.joint_numbers import (
     at_guessed_scale,
@@ -199,6 +200,21 @@ def test_at_another_scale_of_forces_each_is_known_as_well_as_before(slowed):
     assert there.model.settings.rod.density > 2.0 * here.model.settings.rod.density
     assert relative(here) < 1.5  # it is told, beside a linear drag that does part of its work
     assert relative(there) == pytest.approx(relative(here), rel=0.02)
+
+
+def test_a_cause_is_as_certain_beside_a_rival_on_a_lighter_dlo(slowed):
+    """Nothing tells its weight: with the rival it is half as heavy, and all forces with it."""
+    at, k = slowed
+    scales = [at.model.index(name) for name in SCALES]
+
+    def std_at_a_scale(doubts=()):
+        chosen = np.ix_([k, *scales], [k, *scales])
+        return np.linalg.inv(reported_covariance(at, None, doubts)[chosen])[0, 0] ** -0.5
+
+    lighter = dict.fromkeys(SCALES, np.log(0.5))
+    assert std_at_a_scale([lighter]) == pytest.approx(std_at_a_scale(), rel=0.01)
+    # A rival beside which that force is as large on the lighter DLO would make it doubtful.
+    assert std_at_a_scale([{**lighter, at.model.names[k]: 0.0}]) > 1.2 * std_at_a_scale()
 
 
 def test_how_well_the_scale_is_known_is_told_beside_the_numbers_that_contain_it(slowed):

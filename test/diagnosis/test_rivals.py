@@ -1,20 +1,31 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Rivals of a cause: what explains the data as well in its place."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from cause_fits import more_evidence
 from rods import PAPER
 
-from dlo_ros.diagnosis.explain import cause_naming
+from dlo_ros.diagnosis.explain import rivals
 from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of
 from dlo_ros.effects import Start
 
 
 @pytest.fixture(autouse=True)
 def evidence_decides(monkeypatch):
-    monkeypatch.setattr(cause_naming, "tells_apart", more_evidence)
+    monkeypatch.setattr(rivals, "tells_apart", more_evidence)
+    monkeypatch.setattr(rivals, "strained", lambda *_: [])
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fit of a model."""
+
+    model: Any
+    posterior: Any
 
 
 def evaluation(evidence, effects=None):
@@ -25,14 +36,14 @@ def evaluation(evidence, effects=None):
 
 
 @pytest.mark.parametrize(
-    ("gains", "rivals"),
+    ("gains", "expected"),
     [
         ((30.0, 38.0), ["constant_force"]),  # of 40; at first and in the end
         ((30.0, 36.0), []),
         ((28.0, 38.0), []),  # a fifth less than what it needs: it does not go on
     ],
 )
-def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch, gains, rivals):
+def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch, gains, expected):
     force = Start("constant_force", {"x": 0.0}, ("x",), ("x",))
     other = Start("air_drag", {"coefficient": 0.0}, ("coefficient",), ("coefficient",))
     offers = [
@@ -47,43 +58,67 @@ def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch,
         assert model == "constant_force"  # the other one promises far too little
         return gaining(gains[0])
 
-    monkeypatch.setattr(cause_naming, "in_its_place", lambda *_: [])
-    monkeypatch.setattr(cause_naming, "ranked_proposals", lambda *_: offers)
-    monkeypatch.setattr(cause_naming, "fitted", fitted)
-    monkeypatch.setattr(cause_naming, "fit", lambda *_: gaining(gains[1]))
+    monkeypatch.setattr(rivals, "in_its_place", lambda *_: [])
+    monkeypatch.setattr(rivals, "ranked_proposals", lambda *_: offers)
+    monkeypatch.setattr(rivals, "fitted", fitted)
+    monkeypatch.setattr(rivals, "fit", lambda *_: gaining(gains[1]))
     tilt = SimpleNamespace(effect="gravity_tilt", label="gravity_tilt")
     at, bare = evaluation(100.0), evaluation(60.0)
-    found = cause_naming._rivals(at, bare, tilt, (), (), object(), complete=True)
-    assert list(found) == rivals
-    assert not rivals or found["constant_force"][1] == {"x": 0.3}
+    found = rivals.rivals_of((at, tilt), bare, (), (), object(), complete=True)
+    assert list(found) == expected
+    assert not expected or found["constant_force"][1] == {"x": 0.3}
 
 
-@pytest.mark.parametrize(("complete", "gain", "rivals"), [
+@pytest.mark.parametrize(("complete", "gain", "expected"), [
     (True, 38.0, ["connector"]), (True, 34.0, []), (False, 34.0, ["connector"]), (False, 31.0, []),
 ])  # fmt: skip
 def test_beside_a_missing_cause_a_plug_as_heavy_is_a_rival_of_a_mass(
-    monkeypatch, complete, gain, rivals
+    monkeypatch, complete, gain, expected
 ):
     """Evidence tells two apart no better than four fifths there."""
     plug = evaluation(60.0 + gain, {"connector": {"mass": 0.01}})
     parameter = SimpleNamespace(effect="connector", name="effects.connector.mass")
     proposal = SimpleNamespace(effect="connector", label="connector", parameters=(parameter,))
-    monkeypatch.setattr(cause_naming, "in_its_place", lambda *_: [(plug, proposal)])
-    monkeypatch.setattr(cause_naming, "ranked_proposals", lambda *_: [])
+    monkeypatch.setattr(rivals, "in_its_place", lambda *_: [(plug, proposal)])
+    monkeypatch.setattr(rivals, "ranked_proposals", lambda *_: [])
     at, bare = evaluation(100.0), evaluation(60.0)
     mass = SimpleNamespace(effect="point_mass", label="point_mass")
-    found = cause_naming._rivals(at, bare, mass, (), (), object(), complete=complete)
-    assert found == {name: (plug, {"mass": 0.01}) for name in rivals}
+    found = rivals.rivals_of((at, mass), bare, (), (), object(), complete=complete)
+    assert found == {name: (plug, {"mass": 0.01}) for name in expected}
 
 
-@pytest.mark.parametrize(("complete", "rivals"), [(True, ["connector"]), (False, [])])
-def test_what_the_data_do_not_tell_apart_is_a_rival(monkeypatch, complete, rivals):
+@pytest.mark.parametrize(("gain", "expected"), [(38.0, ["gravity_tilt"]), (36.0, [])])
+def test_a_set_up_that_is_strained_without_a_cause_may_be_its_rival(monkeypatch, gain, expected):
+    """A tilted board does what an even force does: within its tolerance it does part of it."""
+    tilt = proposal_of(PAPER, Start("gravity_tilt", {"angle": 0.0}, ("angle",), ("angle",)))
+    force = SimpleNamespace(effect="constant_force", label="constant_force")
+    same = SimpleNamespace(effect="constant_force", parameters=None)  # no rival of its own
+    model = SimpleNamespace(with_prior=lambda parameters: parameters)
+    at, bare = Fit(model, SimpleNamespace(evidence=100.0)), evaluation(60.0)
+    monkeypatch.setattr(rivals, "in_its_place", lambda *_: [])
+    monkeypatch.setattr(rivals, "ranked_proposals", lambda *_: [])
+    monkeypatch.setattr(rivals, "strained", lambda *_: [same, tilt])
+
+    def without(there, group, _, *, wholly):
+        # From the best model, with the prior of a cause.
+        assert there.model is tilt.parameters and group is force and wholly
+        return evaluation(60.0 + gain, {"gravity_tilt": {"angle": 0.17}})
+
+    monkeypatch.setattr(rivals, "without", without)
+    found = rivals.rivals_of((at, force), bare, (), (), object(), complete=True)
+    assert {name: block for name, (_, block) in found.items()} == {
+        name: {"angle": 0.17} for name in expected
+    }
+
+
+@pytest.mark.parametrize(("complete", "expected"), [(True, ["connector"]), (False, [])])
+def test_what_the_data_do_not_tell_apart_is_a_rival(monkeypatch, complete, expected):
     """Its log evidence is lower by 20 of 40, as chance alone may make it."""
-    monkeypatch.setattr(cause_naming, "tells_apart", lambda *_: False)
+    monkeypatch.setattr(rivals, "tells_apart", lambda *_: False)
     plug = evaluation(80.0, {"connector": {}})
     proposal = SimpleNamespace(effect="connector", label="connector", parameters=())
-    monkeypatch.setattr(cause_naming, "in_its_place", lambda *_: [(plug, proposal)])
-    monkeypatch.setattr(cause_naming, "ranked_proposals", lambda *_: [])
+    monkeypatch.setattr(rivals, "in_its_place", lambda *_: [(plug, proposal)])
+    monkeypatch.setattr(rivals, "ranked_proposals", lambda *_: [])
     mass = SimpleNamespace(effect="point_mass", label="point_mass")
-    words = evaluation(100.0), evaluation(60.0), mass, (), (), object()
-    assert list(cause_naming._rivals(*words, complete=complete)) == rivals
+    words = (evaluation(100.0), mass), evaluation(60.0), (), (), object()
+    assert list(rivals.rivals_of(*words, complete=complete)) == expected

@@ -10,12 +10,6 @@ from functools import cached_property
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import (
-    FIRST_ITERATIONS,
-    FIT_ITERATIONS,
-    Trial,
-    fitted,
-)
 from dlo_ros.diagnosis.explain.cause_search import (
     Search,
     bears_a_share,
@@ -32,31 +26,25 @@ from dlo_ros.diagnosis.explain.certainty import (
     strained,
 )
 from dlo_ros.diagnosis.explain.contact_trials import Contact, Rivals
-from dlo_ros.diagnosis.explain.far_starts import in_its_place
-from dlo_ros.diagnosis.explain.offered_effects import Offer, offered, ranked_proposals
+from dlo_ros.diagnosis.explain.offered_effects import offered
+from dlo_ros.diagnosis.explain.rivals import rivals_of
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Start
-from dlo_ros.effects.start import Block
 from dlo_ros.inference.joint import Evaluation
-from dlo_ros.inference.joint_fit import approached, fit
+from dlo_ros.inference.joint_fit import approached
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.model_comparison import tells_apart
-from dlo_ros.inference.parameter import split_name
+from dlo_ros.inference.model_comparison import evidence_lost, tells_apart
 from dlo_ros.inference.plain_rod import taken_for_plain
 from dlo_ros.inference.thresholds import (
-    CLEARLY_LESS,
     FAR,
     INDISPENSABLE,
     LOWERS,
     NAMED,
     OWN,
-    PROMISING,
-    WORTH,
 )
 
 LOG = logging.getLogger(__name__)
 
-RIVAL_FITS = 3
 Bares = dict[str, Evaluation | None]
 """Fits without single causes, by the causes' labels; None where nothing could be simulated."""
 Shifts = Mapping[str, Mapping[str, float]]
@@ -105,11 +93,6 @@ def without_dampings(causes: tuple[Cause, ...], at: Evaluation) -> tuple[Cause, 
     return tuple(c for c in causes if material.isdisjoint(c.names))
 
 
-def _loss_without(at: Evaluation, bare: Evaluation) -> float:
-    """Log evidence that is lost without a cause."""
-    return at.posterior.evidence - bare.posterior.evidence
-
-
 def _needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[Start]) -> bool:
     """Whether the best model without a cause is clearly worse, see `NAMED` and `FAR`.
 
@@ -120,7 +103,7 @@ def _needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[S
         bare: the fit without it.
     """
     tried = len({s.effect for s in begun}) if group.start is not None else 1
-    loss = _loss_without(at, bare)
+    loss = evidence_lost(at, bare)
     far = at.mean_err < FAR * bare.mean_err
     return loss >= NAMED + float(np.log(tried)) or (far and loss > 0.0)
 
@@ -230,14 +213,14 @@ def named(
         if bare is None:
             continue
         if group.start is not None:
-            astray = not exact and _loss_without(setup, bare) > 0.0
+            astray = not exact and evidence_lost(setup, bare) > 0.0
             bare = setup if astray else bare
             shifts[group.effect] = _changes(at, bare, group)
         if not _needed(at, bare, group, begun):
             continue
         if judge.matters(group, bare):
             offer = offered(at, recordings, begun, offer)
-            fits = _rivals(at, bare, group, recordings, begun, offer, complete=complete)
+            fits = rivals_of((at, group), bare, recordings, begun, offer, complete=complete)
             instead |= {effect: _changes(at, e, group) for effect, (e, _) in fits.items()}
             blocks = {effect: block for effect, (_, block) in fits.items()}
             result.append(_cause(group, blocks, at, bare))
@@ -252,7 +235,7 @@ def named(
             instead |= dict.fromkeys(rivals, _changes(at, bare, group))
             result.append(_cause(group, rivals, at, neither))
         elif group.start is not None:
-            shared.append((_loss_without(at, bare), group))
+            shared.append((evidence_lost(at, bare), group))
     # One of several effects that do each other's work acts for certain where the set-up does not.
     if len(shared) > 1 and len(shared) == sum(c.start is not None for c in found.causes):
         _, first = max(shared, key=lambda row: row[0])
@@ -322,7 +305,7 @@ def _nearer_as_fitted(at: Evaluation, bare: Evaluation, group: Proposal) -> bool
 def _cause(group: Proposal, rivals: Rivals, at: Evaluation, bare: Evaluation) -> Cause:
     """A group as a cause."""
     names = tuple(p.name for p in group.parameters)
-    return Cause(group.effect, names, rivals, _loss_without(at, bare), bare.mean_err)
+    return Cause(group.effect, names, rivals, evidence_lost(at, bare), bare.mean_err)
 
 
 def _errs_where_it_acts(at: Evaluation, bare: Evaluation, group: Proposal) -> tuple[float, float]:
@@ -356,44 +339,3 @@ def _merged(causes: Sequence[Cause]) -> tuple[Cause, ...]:
         )
         for effect, same in by_effect.items()
     )  # fmt: skip
-
-
-def _rivals(
-    at: Evaluation, bare: Evaluation, group: Proposal, recordings: Sequence[Recording],
-    begun: Sequence[Start], offer: Offer, *, complete: bool,
-) -> dict[str, tuple[Evaluation, Block]]:  # fmt: skip
-    """Effects that explain the data as well where a group is at neutral, fitted, with their values.
-
-    While other causes are missing, evidence tells two of them apart no better than `CLEARLY_LESS`.
-    """
-    loss = _loss_without(at, bare)
-    missing = loss - WORTH if complete else CLEARLY_LESS * loss
-    result: dict[str, tuple[Evaluation, Block]] = {}
-
-    def as_well(there: Evaluation) -> bool:
-        return not tells_apart(at, there) if complete else _loss_without(there, bare) >= missing
-
-    def taken(trial: Trial) -> None:
-        there, proposal = trial
-        more = there.posterior.evidence - at.posterior.evidence
-        LOG.info("%s instead of %s: %+.1f", proposal.label, group.label, more)
-        if as_well(there):
-            values = there.model.settings.effects.get(proposal.effect, {})
-            fitted_ = {split_name(p.name)[1] for p in proposal.parameters if p.effect}
-            block = {key: v for key, v in values.items() if key in fitted_}
-            result[proposal.effect] = there, block
-
-    for trial in in_its_place((at, group), recordings, begun):
-        taken(trial)
-    fits = 0
-    for predicted in ranked_proposals(bare, offer):
-        effect = predicted.proposal.effect
-        if effect == group.effect or effect in result or predicted.gain < PROMISING * missing:
-            continue
-        if fits >= RIVAL_FITS:
-            break
-        fits += 1
-        there = fitted(predicted.model, recordings, FIRST_ITERATIONS, draft=True)
-        if there and _loss_without(there, bare) >= CLEARLY_LESS * missing:  # it has only begun
-            taken((fit(there, recordings, FIT_ITERATIONS), predicted.proposal))
-    return result

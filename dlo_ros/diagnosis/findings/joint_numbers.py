@@ -101,20 +101,31 @@ def outer_stds(
     Args:
         widening, doubts: see `effect_numbers`.
     """
-    spread = _covariance_at_scale(at, widening) + _covariance_of(doubts, at.model)
+    spread = _covariance_at_scale(at, widening) + _covariance_of(doubts, at)
     stds = np.sqrt(np.diag(spread))
     pairs = zip(at.model.parameters, stds, at.model.theta(), strict=True)
     return np.array([p.outer_std(x, s) for p, s, x in pairs])
 
 
-def _covariance_of(doubts: Doubts, model: ParametricModel) -> FloatArray:
+def _covariance_of(doubts: Doubts, at: Evaluation) -> FloatArray:
     """Covariance of a model's parameters by what may or may not act, each by itself, shape (P, P).
 
-    What an effect does to E, it does to the forces that are known as shares of it.
+    What an effect does to E, it does to the forces that are known as shares of it: to those of a
+    cause in the place of which it acts, too.
     """
-    shifts = np.array([[changes.get(n, 0.0) for n in model.names] for changes in doubts])
-    shifts = shifts.reshape(-1, len(model.names))
+    shifts = np.array([_shift(at, changes) for changes in doubts])
+    shifts = shifts.reshape(-1, len(at.model.names))
     return np.asarray(shifts.T @ shifts)
+
+
+def _shift(at: Evaluation, changes: Mapping[str, float]) -> FloatArray:
+    """Changes of all parameters with those of some, to first order, shape (P,)."""
+    guessed = at.model.parameters[at.model.index("density")].guessed
+    scale = changes.get("density", 0.0) if guessed else 0.0
+    rows = zip(at.model.parameters, at.model.theta(), _forces(at), strict=True)
+    sizes = [POWERS[p.unit] * (1.0 if p.logarithmic else x) if f else 0.0 for p, x, f in rows]
+    pairs = zip(at.model.names, sizes, strict=True)
+    return np.array([changes.get(name, scale * size) for name, size in pairs])
 
 
 def reported_covariance(
@@ -132,7 +143,7 @@ def reported_covariance(
     if guessed[at.model.index("density")]:
         guessed |= _forces(at)
     known = _covariance(at, np.where(guessed, UNKNOWN, 1.0), widening)
-    return known + _covariance_of(doubts, at.model)
+    return known + _covariance_of(doubts, at)
 
 
 def _covariance_at_scale(at: Evaluation, widening: Mapping[str, float] | None = None) -> FloatArray:
@@ -208,7 +219,7 @@ def fitted_material(
         doubts: see `Explanation`.
     """
     spread, rod = widening**2 * reported_covariance(at), at.model.settings.rod
-    spread = spread + _covariance_of(doubts, at.model)
+    spread = spread + _covariance_of(doubts, at)
     stiffness_error = float(model_shift(at.model.settings, usual=True)[0])
     modulus, density = at.model.axis("young_modulus"), at.model.axis("density")
     scale_std = widening * math.sqrt(float(density @ _covariance_at_scale(at) @ density))
@@ -268,7 +279,7 @@ def set_up_numbers(
     spread = np.sqrt(np.diag(covariance))
     density = at.model.index("density")
     held = covariance[:, density] / spread[density]
-    doubt = np.sqrt(np.diag(_covariance_of(doubts, at.model)))
+    doubt = np.sqrt(np.diag(_covariance_of(doubts, at)))
     held = np.hypot(np.sqrt(np.maximum(spread**2 - held**2, 0.0)), doubt)
     spread = np.hypot(spread, doubt)
     result = {}
