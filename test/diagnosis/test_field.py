@@ -165,6 +165,14 @@ def test_of_a_slip_is_compared_what_was_simulated():
             "gravity_tilt", {"angle": [0.1, 0.2]},
             {"angle[0]": (0.1, 0.01), "angle[1]": (0.2, 0.01)}, True,
         ),
+        (
+            "intrinsic_curvature", {"curvature": [0.0, 2.0, 0.0]},  # straight from value to value
+            {f"curvature[{k}]": (x, 0.1) for k, x in enumerate((0.1, 0.9, 2.1, 1.1, 0.1))}, True,
+        ),
+        (
+            "intrinsic_curvature", {"curvature": [0.0, 2.0, 0.0]},
+            {f"curvature[{k}]": (x, 0.1) for k, x in enumerate((0.1, 0.1, 2.1, 0.1, 0.1))}, False,
+        ),
         ("wall", {}, {}, False),
     ],
 )  # fmt: skip

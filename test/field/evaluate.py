@@ -33,6 +33,9 @@ FORCES = ("air_drag", "constant_force")
 RATIOS = ("camera_scale", "twisting_stiffness")
 """Errors of a set-up whose numbers are factors."""
 
+CURVES = ("intrinsic_curvature",)
+"""Errors of a set-up whose numbers are values at as many places, evenly spaced along u."""
+
 OUTCOMES = ("named", "rival", "told", "missed")
 """Possible outcomes for the main cause: one that does not matter beside an open set-up may stand in
 the report's table, right and for certain, without being named."""
@@ -112,6 +115,9 @@ def is_told(name: str, numbers: dict, setup: dict) -> bool:
     for key, true in numbers.items():
         each = np.atleast_1d(true)
         full = f"{name}.{key}"
+        several = sum(entry.startswith(f"{full}[") for entry in setup)
+        if name in CURVES and several:  # given at other places than told
+            each = np.interp(np.linspace(0.0, 1.0, several), np.linspace(0.0, 1.0, len(each)), each)
         names = [full] if len(each) == 1 and full in setup else [
             f"{full}[{k}]" for k in range(len(each))
         ]  # fmt: skip
