@@ -87,8 +87,13 @@ def test_beside_a_missing_cause_a_plug_as_heavy_is_a_rival_of_a_mass(
     assert found == {name: (plug, {"mass": 0.01}) for name in expected}
 
 
-@pytest.mark.parametrize(("gain", "expected"), [(38.0, ["gravity_tilt"]), (36.0, [])])
-def test_a_set_up_that_is_strained_without_a_cause_may_be_its_rival(monkeypatch, gain, expected):
+@pytest.mark.parametrize(
+    ("linear", "gain", "expected"),
+    [(5.0, 38.0, ["gravity_tilt"]), (5.0, 36.0, []), (40.0, 38.0, [])],
+)
+def test_a_set_up_that_is_strained_without_a_cause_may_be_its_rival(
+    monkeypatch, linear, gain, expected
+):
     """A tilted board does what an even force does: within its tolerance it does part of it."""
     tilt = proposal_of(PAPER, Start("gravity_tilt", {"angle": 0.0}, ("angle",), ("angle",)))
     force = SimpleNamespace(effect="constant_force", label="constant_force")
@@ -99,11 +104,16 @@ def test_a_set_up_that_is_strained_without_a_cause_may_be_its_rival(monkeypatch,
     monkeypatch.setattr(rivals, "ranked_proposals", lambda *_: [])
     monkeypatch.setattr(rivals, "strained", lambda *_: [same, tilt])
 
+    def loss(there, group, *, wholly):
+        assert there.model is tilt.parameters and group is force and wholly
+        return linear
+
     def without(there, group, _, *, wholly):
         # From the best model, with the prior of a cause.
         assert there.model is tilt.parameters and group is force and wholly
         return evaluation(60.0 + gain, {"gravity_tilt": {"angle": 0.17}})
 
+    monkeypatch.setattr(rivals, "linear_loss", loss)
     monkeypatch.setattr(rivals, "without", without)
     found = rivals.rivals_of((at, force), bare, (), (), object(), complete=True)
     assert {name: block for name, (_, block) in found.items()} == {

@@ -13,7 +13,7 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     Trial,
     fitted,
 )
-from dlo_ros.diagnosis.explain.cause_search import without
+from dlo_ros.diagnosis.explain.cause_search import linear_loss, without
 from dlo_ros.diagnosis.explain.certainty import strained
 from dlo_ros.diagnosis.explain.far_starts import in_its_place
 from dlo_ros.diagnosis.explain.offered_effects import Offer, ranked_proposals
@@ -24,7 +24,7 @@ from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.model_comparison import evidence_lost, tells_apart
 from dlo_ros.inference.parameter import split_name
-from dlo_ros.inference.thresholds import CLEARLY_LESS, PROMISING, WORTH
+from dlo_ros.inference.thresholds import CLEARLY_LESS, INDISPENSABLE, PROMISING, WORTH
 
 LOG = logging.getLogger(__name__)
 
@@ -85,13 +85,15 @@ def _freed(named: Trial, bare: Evaluation, recordings: Sequence[Recording]) -> I
     """Fits with numbers of the set-up in a cause's place that are strained without it.
 
     Each begins from the best model, in which they are within their tolerance: what does the same
-    as the cause takes its place at once.
+    as the cause takes its place at once. What by derivatives does much less is not fitted.
     """
     at, group = named
     for twin in strained(bare, at):
         if twin.effect == group.effect:  # it may be the other end's
             continue
         free = replace(at, model=at.model.with_prior(twin.parameters))
+        if linear_loss(free, group, wholly=True) > INDISPENSABLE:
+            continue
         there = without(free, group, recordings, wholly=True)
         if there is not None:
             yield there, twin
