@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rods import PAPER
 
-from dlo_ros.diagnosis.explain import candidate_trials, peg_size
+from dlo_ros.diagnosis.explain import peg_size, profile_loss
 from dlo_ros.diagnosis.explain.peg_size import PEG, RADIUS, best_sized, peg_factors, resized
 from dlo_ros.diagnosis.findings import confirmed_uncertainty
 from dlo_ros.effects.start import Start
@@ -104,8 +104,9 @@ def test_a_size_is_known_no_better_than_pegs_differ_that_explain_as_much(monkeyp
         loss = losses[round(radius(model) / BIG, 6)]
         return None if loss is None else SimpleNamespace(loss=loss)
 
-    monkeypatch.setattr(candidate_trials, "fitted_beside", fitted)
-    monkeypatch.setattr(candidate_trials, "misfit", lambda e, _: getattr(e, "loss", 0.0))
+    monkeypatch.setattr(profile_loss, "fitted_beside", fitted)
+    monkeypatch.setattr(profile_loss, "misfit", lambda e, _: getattr(e, "loss", 0.0))
+    monkeypatch.setattr(profile_loss, "evidence_std", lambda *_: 0.0)
     factors = peg_factors(at, [None])
     assert factors[RADIUS] * 0.01 == pytest.approx(std)
     # Its place changes with it, towards the DLO and away from it.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rods import PAPER
 
-from dlo_ros.diagnosis.explain import candidate_trials
+from dlo_ros.diagnosis.explain import profile_loss
 from dlo_ros.diagnosis.explain.turned_walls import ANGLE, OFFSET
 from dlo_ros.diagnosis.findings import confirmed_uncertainty
 from dlo_ros.diagnosis.findings.wall_direction import turned, wall_factors
@@ -25,9 +25,10 @@ def hit(angle=0.2, depth=1e-3):
     block = {"offset": float(TIP @ normal) + depth, "angle": angle}
     settings = PAPER.with_effects({"wall": block})
     fitted, _ = cause_priors(PAPER, Start("wall", block, ("offset", "angle"), ("offset", "angle")))
-    shapes = np.zeros((3, 5, 4))
+    count = PAPER.rod.control_points
+    shapes = np.zeros((3, count, 4))
     shapes[1, -1, [0, 2]] = TIP
-    shapes[..., 2] += np.linspace(0.5, 0.0, 5)
+    shapes[..., 2] += np.linspace(0.5, 0.0, count)
     covariance = np.diag([1e-6, STD**2])
     return SimpleNamespace(
         model=ParametricModel(settings, fitted), predicted=(shapes,), err=(np.ones(3),),
@@ -67,8 +68,9 @@ def test_the_direction_is_known_no_better_than_walls_differ_that_explain_as_much
         turn = round(model.settings.effects["wall"]["angle"] - 0.2, 6)
         return None if losses[turn] is None else SimpleNamespace(loss=losses[turn])
 
-    monkeypatch.setattr(candidate_trials, "fitted_beside", fitted)
-    monkeypatch.setattr(candidate_trials, "misfit", lambda e, _: getattr(e, "loss", 0.0))
+    monkeypatch.setattr(profile_loss, "fitted_beside", fitted)
+    monkeypatch.setattr(profile_loss, "misfit", lambda e, _: getattr(e, "loss", 0.0))
+    monkeypatch.setattr(profile_loss, "evidence_std", lambda *_: 0.0)
     factors = wall_factors(at, [None])
     assert factors.get(ANGLE, 1.0) * STD == pytest.approx(std)
     assert factors.get(OFFSET) == factors.get(ANGLE)

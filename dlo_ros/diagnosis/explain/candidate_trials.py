@@ -27,9 +27,9 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
 )
 from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, borrowed, evaluate
+from dlo_ros.inference.joint import Evaluation, evaluate
 from dlo_ros.inference.joint_fit import fit, nearest_err
-from dlo_ros.inference.losses import WHITE, misfit
+from dlo_ros.inference.losses import WHITE
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.plain_rod import instead_of_plain
@@ -336,32 +336,6 @@ def best_with(
         errs = [nearest_err(trial[0], recordings) for trial in worth]
         worth = [t for t, e in zip(worth, errs, strict=True) if (1.0 - LOWERS) * e < min(errs)]
     return best_gain(worth, at, recordings)
-
-
-def refit_loss(
-    at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]
-) -> float:  # fmt: skip
-    """Loss of log posterior with another model, fitted anew; infinite where that is impossible."""
-    found = fitted_beside(at, model, recordings)
-    return np.inf if found is None else misfit(found, at) - misfit(at, at)
-
-
-def fitted_beside(
-    at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]
-) -> Evaluation | None:
-    """A model fitted with the derivatives of one beside it, as long as they predict what is gained.
-
-    Args:
-        at: the evaluation of a model with the same parameters.
-
-    Returns:
-        None where it cannot be simulated.
-    """
-    try:
-        return fit(borrowed(at, model, recordings), recordings, FIT_ITERATIONS, draft=True)
-    except SimulationError as err:
-        LOG.info("not fitted: %s", err)
-        return None
 
 
 def comes_nearer(found: Evaluation, at: Evaluation, recordings: Sequence[Recording]) -> bool:

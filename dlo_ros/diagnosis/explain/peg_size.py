@@ -14,17 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import (
-    FIT_ITERATIONS,
-    fitted_beside,
-    refit_loss,
-)
+from dlo_ros.diagnosis.explain.candidate_trials import FIT_ITERATIONS
+from dlo_ros.diagnosis.explain.profile_loss import fitted_beside, refitted_loss
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import HELD, ParametricModel, value_of
-from dlo_ros.inference.thresholds import WORTH
 from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -36,8 +32,6 @@ SIZES = (1.0, 0.25, 0.5, 2.0)
 nearest to what is known before the impact, so that fits tend to be too large."""
 SCALES = (4.0, 2.0)
 """Factors by which a size is changed either way, to see how well it is known."""
-LEAST_LOSS = 0.5
-"""Log posterior that one std costs."""
 PLACES = 50
 """Places along the DLO at which it may touch."""
 
@@ -71,15 +65,14 @@ def peg_factors(at: Evaluation, recordings: Sequence[Recording]) -> dict[str, fl
     if not set(PEG) <= set(at.model.names) or len(at.err) != len(recordings):
         return {}
     models = {size: resized(at, size) for scale in SCALES for size in (1.0 / scale, scale)}
-    losses = {size: refit_loss(at, model, recordings) for size, model in models.items()}
-    least = min(0.0, *losses.values())  # a fit beside an impact may not be the best
+    refits = {size: refitted_loss(at, model, recordings) for size, model in models.items()}
+    least = min(0.0, *(r.loss for r in refits.values()))  # beside an impact none may be the best
     for scale in SCALES:
-        size = min((1.0 / scale, scale), key=lambda size: losses[size])
-        loss = losses[size] - least
-        if loss < WORTH:
+        size = min((1.0 / scale, scale), key=lambda size: refits[size].loss)
+        if refits[size].does_as_well(least):
             break
     moves = np.abs(models[size].theta() - at.model.theta())
-    far = moves / np.sqrt(2.0 * max(loss, LEAST_LOSS)) / np.sqrt(np.diag(at.posterior.covariance))
+    far = moves / refits[size].stds_away(least) / np.sqrt(np.diag(at.posterior.covariance))
     return {name: max(1.0, float(far[at.model.index(name)])) for name in PEG}
 
 

@@ -63,12 +63,14 @@ class Learned:
         drafts: these recordings with a coarser simulation, by their number.
         masks: frames of each recording of the beginning that are held out, shape (F,).
         err: errors of the full model with values that know nothing of the frames held out.
+        predicting: the fit that has these values.
     """
 
     explanation: Explanation
     drafts: Mapping[int, Recording]
     masks: tuple[np.ndarray, ...]
     err: Errors
+    predicting: Evaluation | None = None
 
     @property
     def mean_err(self) -> float | None:
@@ -175,7 +177,8 @@ def learn(
         stops = [int(holdout.TRAINED * (f - 1)) + 1 for f in frames]
         learned = [r.until(s) for r, s in zip(recordings, stops, strict=True)]
     predicting = refitted(found.at, learned)
-    return Learned(found, rough, tuple(masks), errors_of(predicting.model, recordings, masks))
+    err = errors_of(predicting.model, recordings, masks)
+    return Learned(found, rough, tuple(masks), err, predicting)
 
 
 def all_learned_from(learned: Learned) -> bool:
@@ -202,23 +205,45 @@ def nearer(learned: Learned, other: Learned) -> bool:
     return err is None or learned.explanation.at.mean_err < err
 
 
-def refitted(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
+def refitted(
+    at: Evaluation, recordings: Sequence[Recording], other: Evaluation | None = None
+) -> Evaluation:
     """The model fitted to all that it may learn from; as it is where that leaves the shapes.
 
     Errors that stay are cheap, so that a fit may follow a motion at the cost of its shapes.
+
+    Args:
+        other: another fit of the model, to fewer frames, from which it begins if that explains all
+            of them better: a fit that has ended beside an impact finds no way on from there.
     """
-    frames = [len(e) for e in at.err]
+    begun: list[Evaluation] = []
+    for there in (at, other):
+        try:
+            begun += [] if there is None else [_over(there, recordings)]
+        except SimulationError as err:
+            LOG.info("a fit does not hold in all recordings: %s", err)
+    if not begun:
+        return at
+    best = max(begun, key=lambda e: e.posterior.evidence)
     try:
-        if len(recordings) == len(frames) and all(
-            len(r.times) <= f for r, f in zip(recordings, frames, strict=True)
-        ):
-            begun = rejudged(borrowed(at, at.model, recordings))
-        else:
-            begun = evaluate(for_recordings(at.model, recordings), recordings)
-        found = fit(begun, recordings, FINAL_ITERATIONS, loss=TO_REPORT)
+        found = fit(best, recordings, FINAL_ITERATIONS, loss=TO_REPORT)
     except SimulationError:
         return at
-    return begun if begun.mean_err < CLEARLY_LESS * found.mean_err else found
+    return best if best.mean_err < CLEARLY_LESS * found.mean_err else found
+
+
+def _over(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
+    """The model of a fit, held against other recordings, or other parts of the same.
+
+    Raises:
+        SimulationError: it cannot be simulated.
+    """
+    frames = [len(e) for e in at.err]
+    if len(recordings) == len(frames) and all(
+        len(r.times) <= f for r, f in zip(recordings, frames, strict=True)
+    ):
+        return rejudged(borrowed(at, at.model, recordings))
+    return evaluate(for_recordings(at.model, recordings), recordings)
 
 
 def errors_of(

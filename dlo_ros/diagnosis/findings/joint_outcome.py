@@ -186,7 +186,8 @@ def _final(
         SimulationError: a recording cannot be simulated with either.
     """
     found = learned.explanation.with_names()
-    at, compared = _completed(found.at, recordings, known), recordings
+    at = _completed(found.at, recordings, known, learned.predicting)
+    compared = recordings
     if len(at.err) == len(recordings):
         at, compared = without_own_error(at, recordings)
         if compared is not recordings:  # otherwise that fit is at its end, or was refused
@@ -204,7 +205,7 @@ def _final(
             raise
         LOG.warning("the model with its causes is dropped, since it does not hold: %s", err)
     alone = replace(found, at=found.setup, causes=(), proposals=(), exact=False)
-    bare = replace(learned, explanation=alone, err=Errors())
+    bare = replace(learned, explanation=alone, err=Errors(), predicting=None)
     return _final(bare, recordings, known, given)
 
 
@@ -241,7 +242,10 @@ def _extended(final: _Final, errors: Errors, given: Settings) -> Fitted:
     return replace(fitted, settings=damping_as_effects(final.at.model.settings, given, named))
 
 
-def _completed(at: Evaluation, recordings: Sequence[Recording], known: Sequence[int]) -> Evaluation:
+def _completed(
+    at: Evaluation, recordings: Sequence[Recording], known: Sequence[int],
+    predicting: Evaluation | None = None,
+) -> Evaluation:  # fmt: skip
     """The model fitted to all recordings, or as it was where that fit is worse.
 
     A recording with a cause of its own distorts all numbers.
@@ -249,8 +253,9 @@ def _completed(at: Evaluation, recordings: Sequence[Recording], known: Sequence[
     Args:
         at: fitted to those that are known.
         known: numbers of these.
+        predicting: see `Learned`.
     """
-    found = refitted(at, recordings)
+    found = refitted(at, recordings, predicting)
     if len(found.err) != len(recordings) or len(known) == len(recordings):
         return found
     spoilt = np.mean([found.err[k].mean() for k in known]) > OWN * at.mean_err

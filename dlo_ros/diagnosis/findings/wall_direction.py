@@ -12,14 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.diagnosis.contact.wall_places import normal
-from dlo_ros.diagnosis.explain.candidate_trials import refit_loss
-from dlo_ros.diagnosis.explain.peg_size import LEAST_LOSS
+from dlo_ros.diagnosis.explain.peg_size import curves
+from dlo_ros.diagnosis.explain.profile_loss import refitted_loss
 from dlo_ros.diagnosis.explain.turned_walls import ANGLE, OFFSET
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.thresholds import WORTH
 
 TURNS = (0.3, 0.1)
 """Angles by which a wall is turned either way [rad]."""
@@ -38,9 +37,10 @@ def wall_factors(at: Evaluation, recordings: Sequence[Recording]) -> dict[str, f
     angle = at.model.index(ANGLE)
     std = float(np.sqrt(at.posterior.covariance[angle, angle]))
     for turn in TURNS:
-        loss = min(refit_loss(at, turned(at, s * turn), recordings) for s in (1.0, -1.0))
-        if loss < WORTH:
-            factor = max(1.0, turn / float(np.sqrt(2.0 * max(loss, LEAST_LOSS))) / std)
+        refits = [refitted_loss(at, turned(at, s * turn), recordings) for s in (1.0, -1.0)]
+        best = min(refits, key=lambda r: r.loss)
+        if best.does_as_well():
+            factor = max(1.0, turn / best.stds_away() / std)
             # Its place along the normal changes with it, and is known no better.
             return {OFFSET: factor, ANGLE: factor}
     return {}
@@ -56,7 +56,7 @@ def turned(at: Evaluation, turn: float) -> ParametricModel:
     wall = at.model.settings.effects[StraightWall.name]
     assert isinstance(wall["offset"], float) and isinstance(wall["angle"], float)
     before, after = normal(wall["angle"]), normal(wall["angle"] + turn)
-    points = np.concatenate([p.reshape(-1, p.shape[-1])[:, [0, 2]] for p in at.predicted])
+    points = curves(at)
     nearest = points[np.argmin(points @ before)]
     theta = at.model.theta()
     for name, value in (

@@ -1,0 +1,86 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What other values of a few numbers cost with everything else fitted anew.
+
+Where simulations are rough, no derivative tells how well such numbers are known.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from dlo_ros.diagnosis.explain.candidate_trials import FIT_ITERATIONS
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference.joint import Evaluation, borrowed
+from dlo_ros.inference.joint_fit import fit
+from dlo_ros.inference.losses import misfit
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.model_comparison import evidence_std
+from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.thresholds import WORTH
+
+LOG = logging.getLogger(__name__)
+
+
+class Refit(NamedTuple):
+    """Another model beside the best one.
+
+    Args:
+        loss: loss of log posterior with it.
+        scatter: standard deviation of that loss by chance, see `evidence_std`.
+    """
+
+    loss: float
+    scatter: float
+
+    def stds_away(self, least: float = 0.0) -> float:
+        """Standard deviations by which a number lies off that both models have; at least 1.
+
+        Half the square of that is lost where one of the models is true. Where the laws of none are,
+        each bin of the spectrum likes another one, and a loss is a sum of random numbers: of a
+        number whose changes score in the scatter s, sqrt(J) / I is the std by the sandwich formula.
+
+        Args:
+            least: the same of the best one of several such models, which is beaten by no more.
+        """
+        loss = self.loss - least
+        if not math.isfinite(loss):
+            return math.inf
+        known = math.sqrt(max(2.0 * loss, 1.0))
+        return max(1.0, min(known, 2.0 * loss / max(self.scatter, 1e-300)))
+
+    def does_as_well(self, least: float = 0.0) -> bool:
+        """Whether that lies within what `WORTH` of log posterior tells apart; see `stds_away`."""
+        return 0.5 * self.stds_away(least) ** 2 < WORTH
+
+
+def refitted_loss(
+    at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]
+) -> Refit:  # fmt: skip
+    """What is lost with another model, fitted anew; infinitely much where that is impossible."""
+    found = fitted_beside(at, model, recordings)
+    if found is None:
+        return Refit(np.inf, 0.0)
+    return Refit(misfit(found, at) - misfit(at, at), evidence_std(at, found))
+
+
+def fitted_beside(
+    at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]
+) -> Evaluation | None:
+    """A model fitted with the derivatives of one beside it, as long as they predict what is gained.
+
+    Args:
+        at: the evaluation of a model with the same parameters.
+
+    Returns:
+        None where it cannot be simulated.
+    """
+    try:
+        return fit(borrowed(at, model, recordings), recordings, FIT_ITERATIONS, draft=True)
+    except SimulationError as err:
+        LOG.info("not fitted: %s", err)
+        return None
