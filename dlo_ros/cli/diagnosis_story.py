@@ -40,8 +40,8 @@ LEAST_PICTURES = 20
 """Pictures of which nine of ten are a statement: fewer have no 5 % that lie outside."""
 STATIONS = 41
 """Places along the DLO at which the error is looked at."""
-NEAR_END, NEAR_MIDDLE = 0.15, 0.1
-"""Shares of the length within which a place is near an end, or near the middle."""
+AT_END, NEAR_END, NEAR_MIDDLE = 0.01, 0.15, 0.1
+"""Shares of the length within which a place is at an end, near an end, or near the middle."""
 
 
 OVERLAP = (
@@ -217,10 +217,9 @@ def distances(view: RecordingView, length: float) -> FloatArray:
 
 def _place(share: float) -> str:
     """A place along the DLO, in words."""
-    if share < NEAR_END:
-        return "near the start"
-    if share > 1.0 - NEAR_END:
-        return "near the end"
+    for end, away in (("start", share), ("end", 1.0 - share)):
+        if away < NEAR_END:
+            return f"{'at' if away < AT_END else 'near'} the {end}"
     if abs(share - 0.5) < NEAR_MIDDLE:
         return "near the middle"
     return "in the first half" if share < 0.5 else "in the second half"
@@ -247,18 +246,22 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
             )
     elif found.verdict == "unexplained" and not sentences and _nothing_left(found):
         sentences.append(
-            "No cause is certain. The set-up within its tolerances leaves an error that matters; "
+            f"No cause is certain. The set-up{_within(found)} leaves an error that matters; "
             "with effects of which none is certain (extended.yaml holds them) "
             f"{_left(found)} are left, which do not matter."
         )
     elif found.verdict == "unexplained":
         beside = "The remaining error" if sentences else "Nothing is certain. The error"
         if not sentences and extends(found):
-            beside = (
-                "No cause is certain; the set-up within its tolerances explains a part. The rest"
-            )
+            beside = f"No cause is certain; the set-up{_within(found)} explains a part. The rest"
         sentences.append(f"{beside} ({_left(found)}) is explained by no cause that is known here.")
     return tuple(sentences)
+
+
+def _within(found: Diagnosis) -> str:
+    """Clause that says how far off the fitted set-up is."""
+    far = _far_off(found)
+    return f", off by more than twice the tolerance in {far}," if far else " within its tolerances"
 
 
 def _far_off(found: Diagnosis) -> str:
@@ -360,6 +363,11 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
         )
         return tuple(sentences)
     sentences.append(f"{load}: it holds {what}, and E/mu = {known}.")
+    open_ = [title(e.name) for e in by_share(found) if e.rivals]
+    if open_:
+        sentences.append(
+            f"Of causes that the data do not tell apart it holds the first: {enumerated(open_)}."
+        )
     own = [e.name for e in found.effects if any(n.own for n in e.parameters.values())]
     if own:
         events = enumerated([title(name) for name in own])

@@ -29,7 +29,7 @@ from dlo_ros.report.maps import field_maps
 from dlo_ros.report.page import Section, page, write_page
 from dlo_ros.report.plots import LinePlot, ReferenceLine, Series, line_plot
 from dlo_ros.report.shape_player import ShapeFrame, player
-from dlo_ros.report.worst_frame import worst_frame
+from dlo_ros.report.worst_frame import lasting_err, worst_frame
 from dlo_ros.spline import FloatArray
 
 PREDICTS = (
@@ -99,27 +99,35 @@ def _summary(report: DiagnosisReport) -> str:
 
 
 def _pictures(report: DiagnosisReport) -> str:
-    """The recording that is worst, and the others folded up below it."""
+    """The recording in which the plain model is most wrong, and the others folded up below it."""
     if not report.recordings:
         return paragraph("No recording can be simulated, so there is nothing to show.")
-    order = sorted(report.recordings, key=lambda r: -float(r.err_before.mean()))
+    order = sorted(report.recordings, key=lambda r: -float(lasting_err(r.err_before).max()))
     parts = [_errors(order, report), _picture(0, order[0], report)]
     for k, r in enumerate(order[1:], 1):
+        before, *after = _mean_errors(r, report)
+        words = f"{r.name}: {before} off" + "".join(f", {x} with the extended model" for x in after)
         parts.append(
-            f"<details><summary>{markup(r.name)}</summary>{_picture(k, r, report)}</details>"
+            f"<details><summary>{markup(words)}</summary>{_picture(k, r, report)}</details>"
         )
     return "".join(parts)
+
+
+def _mean_errors(r: DiagnosedRecording, report: DiagnosisReport) -> list[str]:
+    """Mean ERR with the plain model, and with the extended one."""
+    errors = (r.err_before, r.err_after)[: 2 if report.extends else 1]
+    return [millimetres(float(e.mean()), 2) for e in errors]
 
 
 def _errors(recordings: Sequence[DiagnosedRecording], report: DiagnosisReport) -> str:
     """ERR of each recording, as it is drawn below."""
     headers = ["recording", "plain model", "extended model"][: 3 if report.extends else 2]
-    rows = [
-        [r.name, *(millimetres(float(e.mean()), 2) for e in (r.err_before, r.err_after))]
-        for r in recordings
-    ]
-    text = paragraph("Mean distance from the observed shapes, each recording as drawn here:")
-    return text + table(headers, [row[: len(headers)] for row in rows])
+    rows = [[r.name, *_mean_errors(r, report)] for r in recordings]
+    text = paragraph(
+        "Mean distance from the observed shapes of the models that are drawn here, which know all "
+        "of these recordings; the numbers above are those of data that were kept from a fit:"
+    )
+    return text + table(headers, rows)
 
 
 def _picture(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> str:

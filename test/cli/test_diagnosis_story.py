@@ -28,6 +28,9 @@ SLIP = NamedEffect(
 )  # fmt: skip
 
 
+BENT = {"clamp_angle.start": SetupNumber(-8.0 * DEGREE, 0.4 * DEGREE, 3.0 * DEGREE, "rad")}
+
+
 def test_moments_of_each_recordings_own_are_told():
     made = case(causes=[SLIP])
     _, why, gain = answers(made)
@@ -65,13 +68,16 @@ def test_a_cause_that_changes_nothing_on_other_data_is_told_as_that():
 
 
 def test_rivals_are_told_as_one_of_them():
-    (_, why, _) = answers(case(causes=[replace(MASS, rivals=("constant_force", "clamp_angle"))]))
+    made = case(causes=[replace(MASS, rivals=("constant_force", "clamp_angle"))])
+    (_, why, gain) = answers(made)
     assert why.startswith(
         "One of these three is certain (71 % of the error), but the data do not determine which: "
         "a mass"
     )
     assert "or an even force, such as a draught" in why
     assert "Certain:" not in why
+    assert "Of causes that the data do not tell apart it holds the first: mass on the DLO." in gain
+    assert "tell apart" not in answers(case())[2]
 
 
 def test_what_nothing_explains_is_told_as_that():
@@ -94,7 +100,11 @@ def test_what_nothing_explains_is_told_as_that():
     assert "The rest (0.60 mm on the recordings learned from) is explained by no" in told
     enough = replace(fitted.extended, err_train=1.8e-4, err_holdout=1.5e-4)
     told = answers(replace(fitted, extended=enough))[1]
+    assert "The set-up within its tolerances leaves an error that matters; with" in told
     assert told.endswith("(extended.yaml holds them) 0.15 mm are left, which do not matter.")
+    far = case("unexplained", causes=(), setup=SETUP | BENT)
+    beyond = "off by more than twice the tolerance in direction of a clamp, at the start,"
+    assert f"No cause is certain; the set-up, {beyond} explains a part." in answers(far)[1]
 
 
 def test_adequate_says_whether_it_is_as_good_as_matters():
@@ -110,8 +120,7 @@ def test_adequate_says_whether_it_is_as_good_as_matters():
         "for mass on the DLO: no more than a set-up within its tolerances may do."
     )
     assert "a little off in several places" not in answers(made)[1]
-    bent = {"clamp_angle.start": SetupNumber(-8.0 * DEGREE, 0.4 * DEGREE, 3.0 * DEGREE, "rad")}
-    far = case("adequate", (), 4e-3, setup=SETUP | bent)
+    far = case("adequate", (), 4e-3, setup=SETUP | BENT)
     assert headline(far).endswith("for a set-up that is off beyond its tolerances.")
     told = answers(far)[1]
     assert "direction of a clamp, at the start by more than twice the tolerance: see" in told
@@ -171,8 +180,14 @@ def test_where_and_when():
     first = replace(view, name="swing", observed=observed, before=before, err_before=err)
     second = replace(view, name="rest", err_before=np.full(len(err), 1e-3))
     wrong = answers(replace(made, views=(second, first)))[0]
-    assert "most wrong near the end (at 400 of 400 mm from the start)" in wrong
+    assert "most wrong at the end (at 400 of 400 mm from the start)" in wrong
     assert f"worst in swing, {view.times[6]:.1f} s after the beginning: by 9.0 mm" in wrong
+    # The page opens with the recording that is worst, not with that of the largest mean.
+    second = replace(second, err_before=np.full(len(err), 6e-3))
+    page = diagnosis_page(report(replace(made, views=(second, first)), KNOWN))
+    told = re.findall("<summary>(.*?)</summary>", page)
+    assert told[0] == "rest: 6.0 mm off, 0.10 mm with the extended model"
+    assert not any(words.startswith("swing") for words in told)
     even = replace(view, before=view.observed + 0.001)
     wrong = answers(replace(made, views=(even,)))[0]
     assert "about as wrong all along" in wrong and "It is worst" not in wrong
@@ -247,7 +262,7 @@ def test_a_single_shape_is_shown_along_the_rope():
         ("clamp_angle", "end", -0.1, 0.01, "rad",
          "direction than the command says (at the end 5.7 +- 0.6 degrees counterclockwise)"),
         ("gravity_tilt", "angle", 0.1, 0.01, "rad",
-         "does not point straight down the board (5.7 +- 0.6 degrees clockwise)"),
+         "the board does not hang plumb (5.7 +- 0.6 degrees counterclockwise)"),
         ("constant_force", "x", -0.1, 0.01, "N/m", "(0.100 +- 0.010 N/m to the left)"),
     ],
 )  # fmt: skip

@@ -20,17 +20,19 @@ class GravityTilt(Effect):
     Geometry, no source: g (-sin angle, 0, -cos angle) [m/s^2] for the configured (0, 0, -g). In
     space also about +x, positive from y towards z: the board leans over. Both together are one
     rotation about the axis (across, angle, 0) [rad], by its length. A small tilt is a
-    `constant_force` along -x of weight per length times angle.
+    `constant_force` along -x of weight per length times angle. The words for its sides tell how the
+    board is turned, for whoever hangs it plumb.
     """
 
     name: ClassVar[str] = "gravity_tilt"
     title: ClassVar[str] = "tilt of the board"
-    phrase: ClassVar[str] = "gravity does not point straight down the board"
+    phrase: ClassVar[str] = "the board does not hang plumb"
     in_setup: ClassVar[bool] = True
 
     angle: float = quantity(
-        0.0, "rad", -3.2, 3.2, "rotation of gravity in the board's plane",
-        tolerance=math.radians(1.0), sides=(TURNED,),
+        0.0, "rad", -3.2, 3.2,
+        "rotation of gravity in the board's plane: the board itself is turned the other way",
+        tolerance=math.radians(1.0), sides=(TURNED[::-1],),
     )  # fmt: skip
 
     across: float = quantity(
