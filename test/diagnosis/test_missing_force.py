@@ -87,6 +87,18 @@ def test_where_nothing_is_missing_nothing_is_found(name):
     assert np.mean(np.abs(found.force) > 2.0 * found.std) < 0.05
 
 
+@pytest.mark.parametrize("name", MANIPULATIONS)
+def test_a_dlo_that_is_longer_asks_for_no_load(name):
+    """Held at both ends it bulges out as if something blew into it."""
+    effects = {"length_error": {"difference": 0.006 * LENGTH}}
+    recording, predicted = seen_with(MANIPULATIONS[name](), effects)
+    off = np.linalg.norm(recording.observed[:, :, :3] - predicted[:, :, :3], axis=2).mean()
+    assert off > 20.0 * NOISE
+    found = missing_force(recording, predicted, SETTINGS, np.linspace(0.0, 1.0, 11) * LENGTH)
+    assert np.abs(found.force).max() < 0.1 * WEIGHT
+    assert np.median(np.abs(found.force)) < 0.02 * WEIGHT
+
+
 @pytest.mark.parametrize("share", [0.4, 0.7])
 def test_a_weight_is_found_where_it_hangs(share):
     stiff = SETTINGS.with_material(20.0 * SETTINGS.rod.young_modulus, SETTINGS.rod.density)

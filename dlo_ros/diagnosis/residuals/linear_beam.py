@@ -81,7 +81,7 @@ class Beam:
         return ~self._fixed.ravel()
 
     @cached_property
-    def _places(self) -> list[float]:
+    def places(self) -> list[float]:
         """Held places along the DLO [m]."""
         places = [0.0] if self._fixed[0].any() else []
         places += sorted(self._boundary.pin_abscissae.tolist())
@@ -124,18 +124,17 @@ class Beam:
             [N/m] and [N s/m], each of shape (d N, d N).
         """
         rod, basis = self.settings.rod, self.basis
-        u, weight, (_, slopes, bends) = self._rule
-        tangent = slopes @ shape
-        tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+        _, weight, (_, slopes, bends) = self._rule
+        tangent = self._tangent(shape)
         b = rod.bending_stiffness
-        n, ways = shape.shape
+        ways = shape.shape[1]
 
         def along(rows: FloatArray, direction: FloatArray, scale: FloatArray | float) -> FloatArray:
-            j = (rows[:, :, None] * direction[:, None, :]).reshape(len(u), ways * n)
+            j = _projected(rows, direction)
             result: FloatArray = j.T @ ((weight * scale)[:, None] * j)
             return result
 
-        stretch = STRETCH * b / rod.length**2
+        stretch = self._stretch
         tension = self._tension(shape, acceleration, tangent)
         tension = np.maximum(tension, LEAST_TENSION * b / rod.length**2)
         even = np.asarray(np.kron(basis.gram, np.eye(ways)))
@@ -151,6 +150,30 @@ class Beam:
         result += pin * np.kron(rows.T @ rows, np.eye(ways))
         return result, lost
 
+    def lengthening(self, shape: FloatArray) -> FloatArray:
+        """Forces on the control points [N] that strain the beam by one, as much everywhere.
+
+        Args:
+            shape: control points of the beam [m], shape (N, d).
+
+        Returns:
+            Shape (d N,), coordinates interleaved.
+        """
+        _, weight, (_, slopes, _) = self._rule
+        return np.asarray(self._stretch * weight @ _projected(slopes, self._tangent(shape)))
+
+    @property
+    def _stretch(self) -> float:
+        """Stretching stiffness [N]."""
+        return STRETCH * self.settings.rod.bending_stiffness / self.settings.rod.length**2
+
+    def _tangent(self, shape: FloatArray) -> FloatArray:
+        """Unit tangents at the quadrature points, shape (Q, d)."""
+        tangent = self._rule[2][1] @ shape
+        return np.asarray(
+            tangent / np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+        )
+
     def _tension(
         self, shape: FloatArray, acceleration: FloatArray, tangent: FloatArray
     ) -> FloatArray:
@@ -164,7 +187,7 @@ class Beam:
         gravity = np.array(self.settings.gravity)[list(self.axes)]
         each = weight[:, None] * (values @ acceleration - gravity) * rod.linear_density
         force = np.cumsum(each, axis=0) - 0.5 * each
-        places = self._places
+        places = self.places
         if not places:
             return np.asarray(np.sum(force * tangent, axis=1))
         # The last of them takes what the others leave.
@@ -184,6 +207,15 @@ class Beam:
             )  # fmt: skip
             force = force + between @ taken.reshape(len(places) - 1, -1)
         return np.asarray(np.sum(force * tangent, axis=1))
+
+
+def _projected(rows: FloatArray, direction: FloatArray) -> FloatArray:
+    """Matrix from control points to a component of what rows (Q, N) make of them, shape (Q, d N).
+
+    Args:
+        direction: unit vectors, shape (Q, d).
+    """
+    return (rows[:, :, None] * direction[:, None, :]).reshape(len(rows), -1)
 
 
 def _normals(tangent: FloatArray) -> list[FloatArray]:

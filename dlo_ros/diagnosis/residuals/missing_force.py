@@ -4,6 +4,10 @@
 About a predicted shape the rod is a linear beam. The displacement d from prediction to observation
 needs the load K d + C d' + M d''. It is sought among smooth loads, by least squares with the noise
 of the measurement, so that it has an uncertainty.
+
+A rod that is a little longer than stated, or that a camera shows a little larger, is no load: where
+both ends are held only a huge pressure could stretch it to that. So there it may be longer, as far
+as a set-up is off. One that hangs free shows that along itself, which is not counted.
 """
 
 from __future__ import annotations
@@ -24,6 +28,9 @@ MODES = 6
 """Smooth loads along u, for each direction."""
 SIZES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Standard deviations of the evenest load, of the weight per length; the likeliest is taken."""
+STRAIN = 0.007
+"""Standard deviation of the strain by which a DLO seems longer: half a per cent each of its length
+and of the camera's scale, the tolerances of both."""
 TYPICAL = 200
 """Frames by which that is judged."""
 WINDOW = 7
@@ -65,14 +72,15 @@ def missing_force(
     # A load that varies much along the DLO is less likely than an even one.
     decay = np.repeat(1.0 / (1.0 + np.arange(MODES)) ** 2, ways)
     some = systems[:: -(-len(systems) // TYPICAL)]
-    prior = max((decay * scale**2 for scale in SIZES), key=lambda v: _evidence(some, v))
+    priors = (np.append(decay * scale**2, 1.0) for scale in SIZES)  # strain is in units of its own
+    prior = max(priors, key=lambda v: _evidence(some, v))
     shown = _loads(u, rod.length)
     force, std = np.zeros((2, len(systems), len(u), 3))
     for f, (j, target) in enumerate(systems):
         posterior = np.linalg.inv(j.T @ j + np.diag(1.0 / prior))
-        amplitude = posterior @ (j.T @ target)
+        amplitude = (posterior @ (j.T @ target))[:-1]
         force[f][:, axes] = size * (shown @ amplitude.reshape(MODES, ways))
-        spread = posterior.reshape(MODES, ways, MODES, ways)
+        spread = posterior[:-1, :-1].reshape(MODES, ways, MODES, ways)
         std[f][:, axes] = size * np.sqrt(np.einsum("ui,icjc,uj->uc", shown, spread, shown))
     return MissingForce(force, std)
 
@@ -80,10 +88,11 @@ def missing_force(
 def _systems(
     recording: Recording, predicted: FloatArray, beam: Beam, size: float
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Whitened linear systems: response to loads of a size [N/m], and the measured displacement.
+    """Whitened linear systems: response to loads of a size [N/m] and to an even strain, in units of
+    `STRAIN`, and the measured displacement.
 
     Returns:
-        For each frame shapes (K, M) and (K,).
+        For each frame shapes (K, M + 1) and (K,).
     """
     frames, n = predicted.shape[:2]
     axes, count = beam.axes, n * len(beam.axes)
@@ -95,19 +104,20 @@ def _systems(
     points, _ = beam.basis.quadrature()
     load = size * beam.load(_loads(points, beam.seen.length))
     lift, free = np.kron(beam.lift, np.eye(len(axes))), beam.free
+    strain = STRAIN if len(beam.places) > 1 else 0.0
     result = []
     for f in range(frames):
         stiff, lost = beam.stiffness(fine[f], own[f])
-        forces = [lost @ lift, beam.inertia @ lift]
-        moved = np.linalg.solve(
-            stiff[np.ix_(free, free)], np.column_stack([load[free], *(w[free] for w in forces)])
-        )
+        causes = np.column_stack([load, strain * beam.lengthening(fine[f])])
+        forces = np.column_stack([causes, lost @ lift, beam.inertia @ lift])
+        moved = np.linalg.solve(stiff[np.ix_(free, free)], forces[free])
         measured = recording.across[len(recording.times) - frames + f][:, :, axes]
         measured = measured.reshape(-1, count) / recording.noise[:, None]
         # What moves along the DLO follows from what moves across, but not linearly.
         across = np.delete(measured, np.s_[n : 2 * n], axis=0)
         responses = (across @ beam.projection)[:, free] @ moved
-        response, *later = np.split(responses, [load.shape[1], load.shape[1] + count], axis=1)
+        acting = causes.shape[1]
+        response, *later = np.split(responses, [acting, acting + count], axis=1)
         parts = [across, *later]
         place = f if f < WINDOW // 2 else max(WINDOW // 2, WINDOW - frames + f)
         back = np.linalg.pinv(measured)
