@@ -207,11 +207,11 @@ def _at_rest(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[str
 def _series(
     x: FloatArray, before: FloatArray, after: FloatArray, report: DiagnosisReport
 ) -> tuple[Series, ...]:
-    """Curves of both models in the colours of their shapes."""
+    """Curves of both models as their shapes are drawn."""
     if not report.extends:
-        return (Series("plain model", "predicted", x, before),)
-    plain = Series("plain model", "other", x, before, dashed=True)
-    return plain, Series("extended model", "predicted", x, after)
+        return (Series("plain model", "predicted", x, before, line="--"),)
+    plain = Series("plain model", "other", x, before, line=":")
+    return plain, Series("extended model", "predicted", x, after, line="--")
 
 
 def _relations(related: ResidualRelations) -> str:

@@ -252,7 +252,7 @@ def _err(report: IdentificationReport) -> str:
                 colours[k % len(colours)],
                 times,
                 1e3 * err,
-                dashed=recording.role == "validate",
+                line="--" if recording.role == "validate" else "-",
             )
         )
     levels: tuple[ReferenceLine, ...] = ()

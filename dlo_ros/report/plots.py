@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import re
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from matplotlib import rc_context
@@ -53,8 +54,7 @@ class Series:
         colour: a key of `COLOURS`.
         x, y: shape (m,); NaN leaves a gap.
         lower, upper: edges of a band around it, shape (m,).
-        dashed: whether it is drawn with dashes, so that curves can be distinguished without
-            colours.
+        line: solid, dashed or dotted, so that curves can be distinguished without colours.
     """
 
     label: str
@@ -63,7 +63,7 @@ class Series:
     y: FloatArray
     lower: FloatArray | None = None
     upper: FloatArray | None = None
-    dashed: bool = False
+    line: Literal["-", "--", ":"] = "-"
 
 
 @dataclass(frozen=True)
@@ -103,16 +103,13 @@ def line_plot(plot: LinePlot) -> str:
         axes = figure.add_subplot()
         for series in plot.series:
             colour = COLOURS[series.colour]
-            style = "--" if series.dashed else "-"
-            axes.plot(series.x, series.y, style, color=colour, label=series.label)
+            axes.plot(series.x, series.y, series.line, color=colour, label=series.label)
             if series.lower is not None and series.upper is not None:
                 axes.fill_between(
                     series.x, series.lower, series.upper, color=colour, alpha=0.2, linewidth=0
                 )
         for level in plot.levels:
-            axes.axhline(
-                level.y, color=COLOURS[level.colour], linestyle=(0, (6, 3)), label=level.label
-            )
+            axes.axhline(level.y, color=COLOURS[level.colour], linestyle="-.", label=level.label)
         if plot.logarithmic:
             axes.set_yscale("log")
             axes.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(1.2, 0.4)))
