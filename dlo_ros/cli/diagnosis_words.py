@@ -216,7 +216,7 @@ def is_sized(effect: NamedEffect, length: float) -> bool:
     sizes = []
     for key, n in effect.parameters.items():
         q = _quantity(effect.name, key)
-        if q is None or q.role not in SIZES:
+        if q is None or q.role not in SIZES or not q.is_strength:
             continue
         found = n.value if isinstance(n.value, tuple) else (n.value,)
         stds = n.std if isinstance(n.std, tuple) else (n.std,) * len(found)

@@ -162,6 +162,13 @@ class Quantity:
         return not self.geometric and (self.neutral == 0.0 or self.role == "ratio")
 
     @property
+    def is_strength(self) -> bool:
+        """Whether a size says how much there is of the effect: at neutral, or far from it where
+        neutral is a limit, there is none. Other sizes are scales, such as a time or a curvature.
+        """
+        return self.from_neutral or not self.lower < self.neutral < self.upper
+
+    @property
     def logarithmic(self) -> bool:
         """Whether a fit sees the value's logarithm."""
         return self.lower > 0.0

@@ -313,6 +313,9 @@ def test_a_cause_may_be_certain_and_its_strength_unknown():
     assert not is_sized(plug, LENGTH) and is_sized(MASS, LENGTH)
     assert answers(case(causes=[plug]))[1].endswith("the numbers are those of the best fit.")
     assert "how strongly" not in answers(case())[1]
+    # A scale that is known tells nothing of it.
+    rubs = {"moment": Number(0.08, 0.09, "N m"), "curvature": Number(0.25, 0.1, "1/m")}
+    assert not is_sized(NamedEffect("hysteresis", rubs, ()), LENGTH)
     # Of a vector one component is enough, and what has no std says nothing against it.
     moved = NamedEffect("clamp_offset", {"end": Number((0.002, 1e-5), (4e-4, 3e-4), "m")}, ())
     assert is_sized(moved, LENGTH)

@@ -159,7 +159,7 @@ def certain(
         off = at.model.offset()[k]
         return float(off @ information(k) @ off) > CERTAIN**2 * len(k)
     # At neutral a strength does nothing, whatever the effect's scales are: their values count.
-    strengths = [j for j in k if _is_strength(at.model.parameters[j])]
+    strengths = [j for j in k if _quantity(at.model.parameters[j]).is_strength]
     scales = [j for j in k if j not in strengths]
     known = [
         _from_neutral(at, j) ** 2 * float(information([j], scales)[0, 0]) for j in strengths
@@ -176,14 +176,6 @@ def _numbers(group: Proposal) -> list[str]:
         return []
     keys = quantities(group.effect)
     return [p.name for p in group.parameters if keys[split_name(p.name)[1]].role != "place"]
-
-
-def _is_strength(p: Parameter) -> bool:
-    """Whether a size says how much there is of an effect: at neutral, or far from it where neutral
-    is a limit, there is none. Other sizes are scales, such as a time or a curvature.
-    """
-    q = _quantity(p)
-    return q.from_neutral or not q.lower < q.neutral < q.upper
 
 
 def _from_neutral(at: Evaluation, index: int) -> float:
