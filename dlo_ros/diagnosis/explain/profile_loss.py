@@ -38,14 +38,15 @@ class Refit(NamedTuple):
     scatter: float
 
     def stds_away(self, least: float = 0.0) -> float:
-        """Standard deviations by which a number lies off that both models have; at least 1.
+        """Standard deviations of a number between its values in the best model and in this one; at
+        least 1.
 
-        Half the square of that is lost where one of the models is true. Where the laws of none are,
-        each bin of the spectrum likes another one, and a loss is a sum of random numbers: of a
-        number whose changes score in the scatter s, sqrt(J) / I is the std by the sandwich formula.
+        Half of their square is lost where one of the models is true. Where no law is, each bin of
+        the spectrum likes another value, and the loss is a sum of random numbers: then they are
+        twice the loss over its scatter, by the sandwich formula for the std of the number.
 
         Args:
-            least: the same of the best one of several such models, which is beaten by no more.
+            least: loss of the best of several such models, from which that of this one counts.
         """
         loss = self.loss - least
         if not math.isfinite(loss):
@@ -58,9 +59,7 @@ class Refit(NamedTuple):
         return 0.5 * self.stds_away(least) ** 2 < WORTH
 
 
-def refitted_loss(
-    at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]
-) -> Refit:  # fmt: skip
+def refitted_loss(at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]) -> Refit:
     """What is lost with another model, fitted anew; infinitely much where that is impossible."""
     found = fitted_beside(at, model, recordings)
     if found is None:

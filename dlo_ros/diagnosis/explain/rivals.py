@@ -57,7 +57,7 @@ def rivals_of(
 
     def taken(trial: Trial) -> None:
         there, proposal = trial
-        more = there.posterior.evidence - at.posterior.evidence
+        more = evidence_lost(there, at)
         LOG.info("%s instead of %s: %+.1f", proposal.label, group.label, more)
         if as_well(there):
             values = there.model.settings.effects.get(proposal.effect, {})
