@@ -78,7 +78,7 @@ def test_a_set_up_within_its_tolerances_is_adequate_and_told(no_cause):
     # What was fitted predicts better at once, whatever is named.
     assert set(extended.effects) >= {"clamp_angle", "gravity_tilt", "intrinsic_curvature"}
     page = (tmp_path / "diagnosis" / "report.html").read_text()
-    assert "clamp angle" in page and "tolerance" in page
+    assert "direction of a clamp" in page and "tolerance" in page
 
 
 @pytest.mark.slow
