@@ -25,7 +25,7 @@ from dlo_ros.inference.thresholds import BEYOND
 from dlo_ros.inference.weighted_quantiles import weighted_quantiles
 from dlo_ros.report.diagnosis_content import Question, SetupRow
 from dlo_ros.report.elements import measured, number
-from dlo_ros.report.worst_frame import is_lasting, lasting_err, worst_frame
+from dlo_ros.report.worst_frame import is_lasting, worst_err, worst_frame
 from dlo_ros.spline import FloatArray, SplineBasis
 
 QUESTION_ERROR = "How wrong is my simulation?"
@@ -195,7 +195,7 @@ def _places(views: Sequence[RecordingView], length: float) -> list[str]:
         )
     else:
         sentences.append("It is about as wrong all along the DLO.")
-    worst = max(views, key=lambda v: float(lasting_err(v.err_before).max()))
+    worst = max(views, key=lambda v: worst_err(v.err_before))
     frame = worst_frame(worst.err_before)
     error = float(worst.err_before[frame])
     means = [float(v.err_before.mean()) for v in views]

@@ -10,9 +10,9 @@ from dlo_ros.inference.thresholds import CERTAIN, WORTH
 from dlo_ros.spline import FloatArray
 
 
-def evidence_lost(at: Evaluation, bare: Evaluation) -> float:
-    """Log evidence that is lost without a part of a model."""
-    return at.posterior.evidence - bare.posterior.evidence
+def log_bayes_factor(one: Evaluation, other: Evaluation) -> float:
+    """Log evidence of one model over that of another one for the same recordings."""
+    return one.posterior.evidence - other.posterior.evidence
 
 
 def tells_apart(better: Evaluation, other: Evaluation) -> bool:
@@ -24,7 +24,7 @@ def tells_apart(better: Evaluation, other: Evaluation) -> bool:
     of the spectrum (Vuong, Likelihood ratio tests for model selection and non-nested hypotheses,
     1989).
     """
-    gain = evidence_lost(better, other)
+    gain = log_bayes_factor(better, other)
     return gain > max(WORTH, CERTAIN * evidence_std(better, other))
 
 

@@ -29,7 +29,7 @@ from dlo_ros.report.maps import field_maps
 from dlo_ros.report.page import Section, page, write_page
 from dlo_ros.report.plots import LinePlot, ReferenceLine, Series, line_plot
 from dlo_ros.report.shape_player import ShapeFrame, player
-from dlo_ros.report.worst_frame import lasting_err, worst_frame
+from dlo_ros.report.worst_frame import worst_err, worst_frame
 from dlo_ros.spline import FloatArray
 
 PREDICTS = (
@@ -102,7 +102,7 @@ def _pictures(report: DiagnosisReport) -> str:
     """The recording in which the plain model is most wrong, and the others folded up below it."""
     if not report.recordings:
         return paragraph("No recording can be simulated, so there is nothing to show.")
-    order = sorted(report.recordings, key=lambda r: -float(lasting_err(r.err_before).max()))
+    order = sorted(report.recordings, key=lambda r: -worst_err(r.err_before))
     parts = [_errors(order, report), _picture(0, order[0], report)]
     for k, r in enumerate(order[1:], 1):
         before, *after = _mean_errors(r, report)

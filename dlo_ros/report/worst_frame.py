@@ -27,9 +27,14 @@ def lasting_err(err: FloatArray) -> FloatArray:
     return np.asarray(median_filter(err, NEIGHBOURS, mode="mirror"))
 
 
+def worst_err(err: FloatArray) -> float:
+    """Largest ERR that lasts, of frames of shape (F,)."""
+    return float(lasting_err(err).max())
+
+
 def is_lasting(err: FloatArray) -> np.ndarray:
     """Whether each frame is no more wrong than frames are for more than an instant, shape (F,)."""
-    return np.asarray(err <= lasting_err(err).max())
+    return np.asarray(err <= worst_err(err))
 
 
 def worst_frame(err: FloatArray) -> int:

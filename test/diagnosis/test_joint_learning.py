@@ -18,7 +18,7 @@ from dlo_ros.errors import SimulationError
 def test_the_last_fit_begins_where_more_is_explained(
     monkeypatch, of_search, of_beginnings, expected
 ):
-    """Beside an impact a fit ends where it is: that to the beginnings lay nearer to all."""
+    """A fit beside an impact ends where it is; one to the beginnings lay nearer to all."""
 
     def fit_of(evidence):
         return SimpleNamespace(

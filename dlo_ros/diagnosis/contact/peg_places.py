@@ -111,13 +111,25 @@ def sight(
         observed, predicted: control points of each recording [m], shape (F, n, 3 or more).
         wrong: see `Sight`.
     """
-    rod, camera = settings.rod, MeasurementMap(settings)
-    basis = SplineBasis(rod.control_points, rod.length)
-    values = basis.matrix(np.linspace(0.04, 1.0, STATIONS) * rod.length)
-    expected = tuple(values @ camera.true(p)[..., [0, 2]] for p in predicted)
-    pairs = zip(observed, expected, strict=True)
-    seen = tuple(values @ camera.true(o[-len(e) :])[..., [0, 2]] for o, e in pairs)
-    return Sight(rod, seen, expected, tuple(wrong))
+    u = np.linspace(0.04, 1.0, STATIONS) * settings.rod.length
+    compared = [o[-len(p) :] for o, p in zip(observed, predicted, strict=True)]
+    seen, expected = (true_points(settings, shapes, u) for shapes in (compared, predicted))
+    return Sight(settings.rod, seen, expected, tuple(wrong))
+
+
+def true_points(
+    settings: RodSettings, shapes: Sequence[FloatArray], u: FloatArray
+) -> tuple[FloatArray, ...]:
+    """Points of measured shapes as they lie on the board [m], shape (F, U, 2) each.
+
+    Args:
+        settings: the model, of whose camera they are.
+        shapes: control points of each recording [m], shape (F, n, 3 or more).
+        u: material coordinates of the points [m], shape (U,).
+    """
+    camera = MeasurementMap(settings)
+    values = SplineBasis(settings.rod.control_points, settings.rod.length).matrix(u)
+    return tuple(values @ camera.true(shape)[..., [0, 2]] for shape in shapes)
 
 
 def places(view: Sight, radius: float) -> list[Place]:

@@ -31,6 +31,7 @@ from dlo_ros.inference.joint import Evaluation, evaluate
 from dlo_ros.inference.joint_fit import fit, nearest_err
 from dlo_ros.inference.losses import WHITE
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.model_comparison import log_bayes_factor
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.plain_rod import instead_of_plain
 from dlo_ros.inference.thresholds import (
@@ -192,7 +193,7 @@ def _likeliest(checked: Sequence[Beginning], nearest: Beginning) -> Beginning:
 
 def _gain(trial: Trial, at: Evaluation) -> float:
     """Gain in log evidence of a trial over a model without it."""
-    return trial[0].posterior.evidence - at.posterior.evidence
+    return log_bayes_factor(trial[0], at)
 
 
 def _continued(trial: Trial, at: Evaluation, recordings: Sequence[Recording]) -> Trial:

@@ -33,7 +33,7 @@ from dlo_ros.effects import Start
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import approached
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.model_comparison import evidence_lost, tells_apart
+from dlo_ros.inference.model_comparison import log_bayes_factor, tells_apart
 from dlo_ros.inference.plain_rod import taken_for_plain
 from dlo_ros.inference.thresholds import (
     FAR,
@@ -103,7 +103,7 @@ def _needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[S
         bare: the fit without it.
     """
     tried = len({s.effect for s in begun}) if group.start is not None else 1
-    loss = evidence_lost(at, bare)
+    loss = log_bayes_factor(at, bare)
     far = at.mean_err < FAR * bare.mean_err
     return loss >= NAMED + float(np.log(tried)) or (far and loss > 0.0)
 
@@ -213,7 +213,7 @@ def named(
         if bare is None:
             continue
         if group.start is not None:
-            astray = not exact and evidence_lost(setup, bare) > 0.0
+            astray = not exact and log_bayes_factor(setup, bare) > 0.0
             bare = setup if astray else bare
             shifts[group.effect] = _changes(at, bare, group)
         if not _needed(at, bare, group, begun):
@@ -235,7 +235,7 @@ def named(
             instead |= dict.fromkeys(rivals, _changes(at, bare, group))
             result.append(_cause(group, rivals, at, neither))
         elif group.start is not None:
-            shared.append((evidence_lost(at, bare), group))
+            shared.append((log_bayes_factor(at, bare), group))
     # One of several effects that do each other's work acts for certain where the set-up does not.
     if len(shared) > 1 and len(shared) == sum(c.start is not None for c in found.causes):
         _, first = max(shared, key=lambda row: row[0])
@@ -305,7 +305,7 @@ def _nearer_as_fitted(at: Evaluation, bare: Evaluation, group: Proposal) -> bool
 def _cause(group: Proposal, rivals: Rivals, at: Evaluation, bare: Evaluation) -> Cause:
     """A group as a cause."""
     names = tuple(p.name for p in group.parameters)
-    return Cause(group.effect, names, rivals, evidence_lost(at, bare), bare.mean_err)
+    return Cause(group.effect, names, rivals, log_bayes_factor(at, bare), bare.mean_err)
 
 
 def _errs_where_it_acts(at: Evaluation, bare: Evaluation, group: Proposal) -> tuple[float, float]:

@@ -47,6 +47,7 @@ from dlo_ros.inference.joint import (
 from dlo_ros.inference.joint_fit import fit, nearest_err
 from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.model_comparison import log_bayes_factor
 from dlo_ros.inference.parameter import SLAB, ParametricModel
 from dlo_ros.inference.plain_rod import taken_for_plain
 from dlo_ros.inference.thresholds import CLEARLY_LESS, INDISPENSABLE, LOWERS, OWN, WORTH
@@ -158,7 +159,7 @@ def search(
             break
         if not causes:
             second = _second(trials, found, at)
-        gain = found[0].posterior.evidence - at.posterior.evidence
+        gain = log_bayes_factor(found[0], at)
         at, causes = found[0], [*causes, found[1]]
         if at.posterior.evidence + (MOST_CAUSES - number) * gain < wanted:
             break
@@ -190,7 +191,7 @@ def _needed_alone(
         bare = without(at, cause, recordings)
         if bare is None:
             continue
-        loss = at.posterior.evidence - bare.posterior.evidence
+        loss = log_bayes_factor(at, bare)
         if loss >= WORTH:
             continue
         steps.append(Step(number, cause.label, loss, bare.mean_err, "returned: not needed"))
@@ -211,7 +212,7 @@ def _second(trials: Sequence[Trial], found: Trial, at: Evaluation) -> Trial | No
     second = max(others, key=lambda t: t[0].posterior.evidence, default=None)
     if second is None:
         return None
-    gain, most = (t[0].posterior.evidence - at.posterior.evidence for t in (second, found))
+    gain, most = (log_bayes_factor(t[0], at) for t in (second, found))
     return second if gain >= CLEARLY_LESS * most else None
 
 
@@ -258,8 +259,8 @@ def bears_a_share(at: Evaluation, bare: Evaluation, least: float) -> bool:
         bare: the model without the cause.
         least: log evidence of the set-up without causes.
     """
-    here = at.posterior.evidence
-    return here - bare.posterior.evidence > max(WORTH, LOWERS * (here - least))
+    gained = at.posterior.evidence - least
+    return log_bayes_factor(at, bare) > max(WORTH, LOWERS * gained)
 
 
 def _strained(
@@ -332,7 +333,7 @@ def _beside_neutral(at: Evaluation, model: ParametricModel, group: Proposal) -> 
 
 def _compared(number: int, trial: Trial, at: Evaluation, outcome: str) -> Step:
     """A line of the trace: a fit with a cause beside one without it."""
-    gain = trial[0].posterior.evidence - at.posterior.evidence
+    gain = log_bayes_factor(trial[0], at)
     return Step(number, trial[1].label, gain, trial[0].mean_err, outcome)
 
 

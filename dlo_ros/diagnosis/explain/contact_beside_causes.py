@@ -21,6 +21,7 @@ from dlo_ros.diagnosis.explain.cause_search import Search, leaves_something, sea
 from dlo_ros.diagnosis.explain.contact_trials import Contact, best_contact
 from dlo_ros.effects import Start
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.model_comparison import log_bayes_factor
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import WORTH
 from dlo_ros.parameters import Settings
@@ -52,7 +53,7 @@ def with_contact(
     at, hit = contact.trial
     causes = (*found.causes, hit)
     more = search(at, neutral, recordings, begun, enough, present=causes)
-    gain = more.at.posterior.evidence - found.at.posterior.evidence
+    gain = log_bayes_factor(more.at, found.at)
     LOG.info("%s beside the causes: %+.1f in evidence", hit.label, gain)
     if gain < WORTH or not comes_nearer(more.at, found.at, recordings):
         return found, None

@@ -23,6 +23,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, evaluate
 from dlo_ros.inference.joint_fit import settled
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.model_comparison import log_bayes_factor
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import FEWEST_FRAMES, MUCH_LARGER, WORTH
 from dlo_ros.inference.variances import posterior
@@ -83,7 +84,7 @@ def beside_exact_set_up(
     except SimulationError as err:
         LOG.info("with an exact set-up: %s", err)
         return None
-    gain = there.at.posterior.evidence - found.at.posterior.evidence
+    gain = log_bayes_factor(there.at, found.at)
     LOG.info("with an exact set-up: %+.1f in evidence", gain)
     return there if gain >= WORTH else None
 

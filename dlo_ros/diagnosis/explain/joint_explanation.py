@@ -41,6 +41,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, rejudged, simulate
 from dlo_ros.inference.joint_fit import approached, best_settled, fit, nearest_err
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.model_comparison import log_bayes_factor
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import believed, joint_model
 from dlo_ros.inference.scene import scene_of
@@ -143,7 +144,7 @@ def explain_again(prepared: Prepared, given: Settings, known: Explanation) -> Ex
         return None
     near, before = nearest_err(at, recordings), known.at.mean_err
     LOG.info("known causes: %.3f mm, %.3f mm before", 1e3 * near, 1e3 * before)
-    gain = at.posterior.evidence - prepared.setup.posterior.evidence
+    gain = log_bayes_factor(at, prepared.setup)
     if near > max(OWN * before, enough) or (known.proposals and gain < WORTH):
         return None
     found = Search(at, known.proposals, known.trace, None)

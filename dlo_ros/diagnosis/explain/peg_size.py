@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dlo_ros.diagnosis.contact.peg_places import true_points
 from dlo_ros.diagnosis.explain.candidate_trials import FIT_ITERATIONS
 from dlo_ros.diagnosis.explain.profile_loss import fitted_beside, refitted_loss
 from dlo_ros.effects.physics.obstacle import Obstacle
@@ -21,8 +22,7 @@ from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import HELD, ParametricModel, value_of
-from dlo_ros.rod.measured_shapes import MeasurementMap
-from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
@@ -99,11 +99,9 @@ def resized(at: Evaluation, size: float) -> ParametricModel:
 
 def curves(at: Evaluation) -> FloatArray:
     """True points x, z of all predicted shapes [m], shape (K, 2)."""
-    rod, camera = at.model.settings.rod, MeasurementMap(at.model.settings)
-    basis = SplineBasis(rod.control_points, rod.length)
-    matrix = basis.matrix(np.linspace(0.0, rod.length, PLACES), 0)
-    shapes = (camera.true(p)[..., [0, 2]] for p in at.predicted)
-    return np.concatenate([(matrix @ shape).reshape(-1, 2) for shape in shapes])
+    settings = at.model.settings
+    points = true_points(settings, at.predicted, np.linspace(0.0, settings.rod.length, PLACES))
+    return np.concatenate([p.reshape(-1, 2) for p in points])
 
 
 def _radius(model: ParametricModel) -> float:

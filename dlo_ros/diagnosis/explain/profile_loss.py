@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What other values of a few numbers cost with everything else fitted anew.
+"""The cost of other values of a few numbers, with everything else fitted anew.
 
 Where simulations are rough, no derivative tells how well such numbers are known.
 """
@@ -49,8 +49,6 @@ class Refit(NamedTuple):
             least: loss of the best of several such models, from which that of this one counts.
         """
         loss = self.loss - least
-        if not math.isfinite(loss):
-            return math.inf
         known = math.sqrt(max(2.0 * loss, 1.0))
         return max(1.0, min(known, 2.0 * loss / max(self.scatter, 1e-300)))
 
@@ -60,7 +58,7 @@ class Refit(NamedTuple):
 
 
 def refitted_loss(at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]) -> Refit:
-    """What is lost with another model, fitted anew; infinitely much where that is impossible."""
+    """The loss with another model, fitted anew; infinite where that is impossible."""
     found = fitted_beside(at, model, recordings)
     if found is None:
         return Refit(np.inf, 0.0)

@@ -22,7 +22,7 @@ from dlo_ros.effects.start import Block
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.model_comparison import evidence_lost, tells_apart
+from dlo_ros.inference.model_comparison import log_bayes_factor, tells_apart
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.thresholds import CLEARLY_LESS, INDISPENSABLE, PROMISING, WORTH
 
@@ -48,16 +48,16 @@ def rivals_of(
         complete: whether the model leaves nothing that matters.
     """
     at, group = named
-    loss = evidence_lost(at, bare)
+    loss = log_bayes_factor(at, bare)
     missing = loss - WORTH if complete else CLEARLY_LESS * loss
     result: dict[str, tuple[Evaluation, Block]] = {}
 
     def as_well(there: Evaluation) -> bool:
-        return not tells_apart(at, there) if complete else evidence_lost(there, bare) >= missing
+        return not tells_apart(at, there) if complete else log_bayes_factor(there, bare) >= missing
 
     def taken(trial: Trial) -> None:
         there, proposal = trial
-        more = evidence_lost(there, at)
+        more = log_bayes_factor(there, at)
         LOG.info("%s instead of %s: %+.1f", proposal.label, group.label, more)
         if as_well(there):
             values = there.model.settings.effects.get(proposal.effect, {})
@@ -76,7 +76,7 @@ def rivals_of(
             break
         fits += 1
         there = fitted(predicted.model, recordings, FIRST_ITERATIONS, draft=True)
-        if there and evidence_lost(there, bare) >= CLEARLY_LESS * missing:  # it has only begun
+        if there and log_bayes_factor(there, bare) >= CLEARLY_LESS * missing:  # it has only begun
             taken((fit(there, recordings, FIT_ITERATIONS), predicted.proposal))
     return result
 

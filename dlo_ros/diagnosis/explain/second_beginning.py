@@ -18,7 +18,7 @@ from dlo_ros.effects import Start
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.model_comparison import tells_apart
+from dlo_ros.inference.model_comparison import log_bayes_factor, tells_apart
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import CLEARLY_LESS, WORTH
 
@@ -57,7 +57,7 @@ def best_of_beginnings(
             other.at, neutral, recordings, begun, enough, present=other.causes, wanted=wanted
         )
         other = replace(more, trace=(*other.trace, *more.trace))
-    gain = other.at.posterior.evidence - found.at.posterior.evidence
+    gain = log_bayes_factor(other.at, found.at)
     LOG.info("begun with %s: %+.1f in evidence", cause.label, gain)
     better = tells_apart(other.at, found.at) and comes_nearer(other.at, found.at, recordings)
     return replace(other if better else found, trace=(*found.trace, *other.trace))

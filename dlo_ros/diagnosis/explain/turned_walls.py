@@ -21,6 +21,7 @@ from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.model_comparison import log_bayes_factor
 from dlo_ros.inference.parameter import value_of
 from dlo_ros.inference.thresholds import SLACK
 from dlo_ros.spline import FloatArray
@@ -52,7 +53,7 @@ def with_turned_wall(found: Search, recordings: Sequence[Recording]) -> Search:
     if proposal is wall:
         return found
     at = fit(at, recordings, FIT_ITERATIONS)
-    gained = at.posterior.evidence - found.at.posterior.evidence
+    gained = log_bayes_factor(at, found.at)
     LOG.info("the wall is turned by %+.2f rad: %+.1f", _angle(at) - _angle(found.at), gained)
     causes = tuple(proposal if c is wall else c for c in found.causes)
     return replace(found, at=at, causes=causes)
