@@ -13,8 +13,9 @@ from rods import PAPER
 from dlo_ros.diagnosis.explain import cause_naming
 from dlo_ros.diagnosis.explain.certainty import SCALES, certain, strained
 from dlo_ros.diagnosis.explain.explanation import Explanation
-from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of
+from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of
 from dlo_ros.effects import Start
+from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.inference.joint import borrowed
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import believed, material_priors
@@ -94,9 +95,10 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     monkeypatch.setattr(cause_naming, "without", without_some)
     at = evaluation(0.0, 0.9e-3)
     at.model = model_of(PAPER)
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
     setup = evaluation(-50.0, 2e-3)
-    causes, shifts = cause_naming.named(found, setup, {}, (), [start, *others], 0.85e-3, 0.5e-3)
+    setup.model = at.model
+    causes, shifts = cause_naming.named(found, setup, {}, (), [start, *others], [0.85e-3], 0.5e-3)
     assert [c.effect for c in causes] == (["point_mass"] if named else [])
     if named and without <= at.mean_err:  # one of the two acts: without both shapes are far off
         assert causes[0].rivals == {"gravity_tilt": {"angle": 0.3}}
@@ -121,10 +123,10 @@ def test_the_stiffness_beside_a_rival_is_doubtful(monkeypatch, acts):
     monkeypatch.setattr(cause_naming, "rivals_of", lambda *_, **__: rivals)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
     bares = {proposal_of(PAPER, mass).label: bare}
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, mass),), offer=SERVING)
-    causes, shifts = cause_naming.named(
-        found, evaluation(-50.0, 2e-3), bares, (), [mass], 0.85e-3, 0.5e-3
-    )
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, mass),), offer=SERVING, passed=())
+    setup = evaluation(-50.0, 2e-3)
+    setup.model = at.model
+    causes, shifts = cause_naming.named(found, setup, bares, (), [mass], [0.85e-3], 0.5e-3)
     assert causes[0].rivals == ({"constant_force": {"x": 0.3}} if acts else {})
     told = Explanation(at, at, causes, 0.0, 0.0, 0.0, (), (), shifts)
     assert other_stiffness(told) == pytest.approx(np.log(3.0) if acts else 0.0)
@@ -146,8 +148,8 @@ def test_of_two_that_do_each_other_s_work_one_is_named(monkeypatch, alone, named
     only_err_decides(monkeypatch)
     monkeypatch.setattr(cause_naming, "without", lambda _, group, *__, wholly: bare[group.effect])
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
-    found = SimpleNamespace(at=at, causes=causes, offer=SERVING)
-    told, _ = cause_naming.named(found, setup, {}, (), [friction, creep], 0.9e-3, 0.05e-3)
+    found = SimpleNamespace(at=at, causes=causes, offer=SERVING, passed=())
+    told, _ = cause_naming.named(found, setup, {}, (), [friction, creep], [0.9e-3], 0.05e-3)
     assert [c.effect for c in told] == named
     assert not named or told[0].rivals == {"viscoelasticity": {"share": 0.3}}
 
@@ -171,10 +173,11 @@ def test_a_fit_without_a_cause_that_has_only_drifted_does_not_tell_of_it(
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: nearest[id(at)])
     monkeypatch.setattr(cause_naming, "tells_apart", more_evidence)
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
     setup = evaluation(-80.0, 1.5e-3)
+    setup.model = at.model
     causes, _ = cause_naming.named(
-        found, setup, {}, (), [start], 0.54e-3, 0.21e-3, complete=complete
+        found, setup, {}, (), [start], [0.54e-3], 0.21e-3, complete=complete
     )
     assert bool(causes) is named
 
@@ -206,37 +209,46 @@ def test_what_comes_nearer_than_the_measurement_errs_is_judged_by_what_is_left(
     monkeypatch.setattr(cause_naming, "taken_for_plain", lambda model, _: model)
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)
-    causes, _ = cause_naming.named(found, bare, {}, (), [start], own, least)
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
+    causes, _ = cause_naming.named(found, bare, {}, (), [start], [own], least)
     assert bool(causes) is named
 
 
-def test_a_fit_without_a_cause_that_explains_less_than_the_set_up_has_gone_astray(monkeypatch):
+@pytest.mark.parametrize("passed", [False, True])
+def test_a_fit_without_a_cause_that_explains_less_than_one_that_is_known_has_gone_astray(
+    monkeypatch, passed
+):
     start = Start("hysteresis", {"moment": 0.1}, ("moment",), ("moment",), neutral=False)
-    at, bare, setup = evaluation(0.0, 1e-3), evaluation(-900.0, 9e-3), evaluation(-40.0, 3e-3)
-    at.model = bare.model = setup.model = model_of(PAPER)
+    at, bare, known = evaluation(0.0, 1e-3), evaluation(-900.0, 9e-3), evaluation(-40.0, 3e-3)
+    at.model = bare.model = known.model = model_of(PAPER)
     only_err_decides(monkeypatch)
     monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, wholly: 40.0)
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)
-    (cause,), _ = cause_naming.named(found, setup, {}, (), [start], 0.85e-3, 0.5e-3)
+    found = SimpleNamespace(
+        at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=(bare, known) * passed
+    )
+    setup = bare if passed else known
+    (cause,), _ = cause_naming.named(found, setup, {}, (), [start], [0.85e-3], 0.5e-3)
     assert (cause.evidence, cause.err) == (40.0, 3e-3)
 
 
-def test_what_acts_now_and_then_counts_where_it_acts():
-    """A peg that is hit in one of four recordings; a mass acts in all."""
+@pytest.mark.parametrize(
+    ("effect", "errs"), [("point_mass", (1e-3, 2e-3, 1.5e-3)), ("obstacle", (1e-3, 5e-3, 3e-3))]
+)
+def test_what_acts_now_and_then_counts_where_it_acts(effect, errs):
+    """A peg that is hit in one of four recordings; a mass acts in all, wherever it began."""
     at, bare = evaluation(0.0, 1e-3), evaluation(0.0, 2e-3)
     at.err = [np.full(9, 1e-3)] * 4
     bare.err = [*at.err[:3], np.full(9, 5e-3)]
-    for steady, errs in ((True, (1e-3, 2e-3)), (False, (1e-3, 5e-3))):
-        group = SimpleNamespace(from_nothing=steady)
-        assert cause_naming._errs_where_it_acts(at, bare, group) == pytest.approx(errs)
+    judge = cause_naming._Judge(at, (), [1e-3, 1e-3, 1e-3, 3e-3], 0.0, exact=False, complete=True)
+    group = SimpleNamespace(effect=effect, from_nothing=False)
+    assert judge._errs_where_it_acts(at, bare, group) == pytest.approx(errs)
 
 
-@pytest.mark.parametrize(("steady", "named"), [(True, False), (False, True)])
+@pytest.mark.parametrize(("smooth", "named"), [(True, False), (False, True)])
 def test_what_acts_in_one_recording_is_named_though_others_lie_farther_off(
-    monkeypatch, steady, named
+    monkeypatch, smooth, named
 ):
     """A wall that is hit in one of three recordings, by 9374 of log evidence: that came from 3.3 to
     0.9 mm, and others, which a fit without it had followed at any price, from 1.7 to 2.8 mm.
@@ -246,12 +258,12 @@ def test_what_acts_in_one_recording_is_named_though_others_lie_farther_off(
     at.err = [np.full(9, e) for e in (2.8e-3, 0.9e-3, 3.6e-3)]
     bare.err = [np.full(9, e) for e in (1.7e-3, 3.3e-3, 2.0e-3)]
     at.model = bare.model = model_of(PAPER)
-    monkeypatch.setattr(Proposal, "from_nothing", property(lambda _: steady))
+    monkeypatch.setattr(StraightWall, "smooth", smooth)
     only_err_decides(monkeypatch)
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING)
-    causes, _ = cause_naming.named(found, bare, {}, (), [start], 2.1e-3, 0.25e-3)
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
+    causes, _ = cause_naming.named(found, bare, {}, (), [start], [2.1e-3] * 3, 0.25e-3)
     assert bool(causes) is named
 
 

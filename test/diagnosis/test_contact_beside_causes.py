@@ -1,6 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Pegs and walls are looked for again beside other causes that leave something."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -106,7 +107,50 @@ def test_nothing_is_looked_for_where_nothing_is_left_or_a_contact_is_known(
     assert with_contact(found, PAPER, None, (), (), 1e-4) == (found, None)
     assert bool(asked.looked_in) == left
     known = Search(found.at, (CAUSE, PEG), (), None)
-    assert with_contact(known, PAPER, None, (), (), 1e-4) == (known, None)
+    shown = (found.at, PEG)
+    assert with_contact(known, PAPER, None, (), (), 1e-4, shown) == (known, None)
     alone = Search(found.at, (), (), None)
     assert with_contact(alone, PAPER, None, (), (), 1e-4) == (alone, None)
     assert bool(asked.looked_in) == left
+
+
+@pytest.mark.parametrize(
+    ("evidence", "err", "rivals"),
+    [
+        (160.0, 1e-3, None),  # the peg takes its place
+        (-600.0, 1.5e-3, {"obstacle": {"x": 0.1}}),  # beside impacts evidence does not tell
+        (-600.0, 3e-3, {}),
+    ],
+)
+def test_a_wall_that_no_picture_has_shown_may_be_a_peg(monkeypatch, asked, evidence, err, rivals):
+    """A horizontal wall 11 cm below the peg, which friction had hidden from the search."""
+    bare = fitted_with_a_force()
+    wall = SimpleNamespace(label="wall (table)", effect="wall", parameters=())
+    effects = {"wall": {"offset": 0.0}, "obstacle": {"x": 0.1}}
+    model = SimpleNamespace(settings=SimpleNamespace(effects=effects))
+    found = replace(bare, at=evaluation(100.0, 2e-3, model), causes=(CAUSE, wall))
+    monkeypatch.setattr(module, "without", lambda at, cause, _: cause is wall and bare.at)
+    monkeypatch.setattr(module, "leaves_something", lambda *_: False)
+    monkeypatch.setattr(module, "nearest_err", lambda at, _: at.mean_err)
+
+    def search(at, neutral, recordings, begun, enough, *, present):
+        assert present == (CAUSE, PEG)
+        return Search(evaluation(evidence, err, model), present, ("more",), None)
+
+    monkeypatch.setattr(module, "search", search)
+    after, contact = with_contact(found, PAPER, None, (), (), 1e-4)
+    assert asked.looked_in
+    if rivals is None:
+        assert after.causes == (CAUSE, PEG) and contact is asked.hit
+    else:
+        assert after is found and contact.trial[1] is wall and contact.rivals == rivals
+
+
+def test_nothing_hit_that_needs_no_other_cause_is_looked_for_again(monkeypatch, asked):
+    wall = SimpleNamespace(label="wall (table)", effect="wall", parameters=())
+    alone = replace(fitted_with_a_force(), causes=(wall,))
+    assert with_contact(alone, PAPER, None, (), (), 1e-4) == (alone, None)
+    monkeypatch.setattr(module, "without", lambda *_: None)  # it cannot be simulated
+    found = replace(alone, causes=(CAUSE, wall))
+    assert with_contact(found, PAPER, None, (), (), 1e-4) == (found, None)
+    assert not asked.looked_in

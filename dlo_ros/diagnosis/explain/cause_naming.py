@@ -13,9 +13,7 @@ import numpy as np
 from dlo_ros.diagnosis.explain.cause_search import (
     Search,
     bears_a_share,
-    linear_loss,
     takes_little,
-    without,
 )
 from dlo_ros.diagnosis.explain.certainty import (
     SCALES,
@@ -26,10 +24,11 @@ from dlo_ros.diagnosis.explain.certainty import (
     strained,
 )
 from dlo_ros.diagnosis.explain.contact_trials import Contact, Rivals
+from dlo_ros.diagnosis.explain.left_out import best_known, linear_loss, without
 from dlo_ros.diagnosis.explain.offered_effects import offered
 from dlo_ros.diagnosis.explain.rivals import rivals_of
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
-from dlo_ros.effects import Start
+from dlo_ros.effects import Start, effects
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import approached
 from dlo_ros.inference.measured import Recording
@@ -146,6 +145,8 @@ def without_needless(
         if of_set_up and group not in causes:  # a damping that has its guess again
             continue
         bare = without(at, group, recordings, wholly=not of_set_up)
+        if bare is not None and group.start is not None:
+            bare = best_known(at, group, bare, found.passed)
         if bare is None or (
             _needed(at, bare, group, begun)
             if complete
@@ -169,7 +170,7 @@ def _guessed_dampings(at: Evaluation) -> list[Proposal]:
 
 def named(
     found: Search, setup: Evaluation, bares: Bares, recordings: Sequence[Recording],
-    begun: Sequence[Start], own: float, least: float, *, exact: bool = False,
+    begun: Sequence[Start], owns: Sequence[float], least: float, *, exact: bool = False,
     complete: bool = True,
 ) -> tuple[tuple[Cause, ...], Shifts]:  # fmt: skip
     """The causes without which the best model is clearly worse, numbers of the set-up among them,
@@ -190,7 +191,7 @@ def named(
     a tilt does that of an even force, those numbers of it are the rivals.
 
     Args:
-        own: ERR of the measurement alone [m].
+        owns: ERR of the measurement alone in each recording [m].
         setup: the set-up without causes, fitted: a fit without one of them that explains less has
             gone astray.
         exact: whether the set-up is as precise as the data tell: then all that is certain is named.
@@ -201,7 +202,7 @@ def named(
     shifts: dict[str, Mapping[str, float]] = {}
     instead: dict[str, Mapping[str, float]] = {}
     shared: list[tuple[float, Proposal]] = []
-    judge = _Judge(at, recordings, own, least, exact, complete)
+    judge = _Judge(at, recordings, owns, least, exact, complete)
     for group in (*found.causes, *beyond(at)):
         if not certain(at, group, SCALES):
             continue
@@ -213,8 +214,7 @@ def named(
         if bare is None:
             continue
         if group.start is not None:
-            astray = not exact and log_bayes_factor(setup, bare) > 0.0
-            bare = setup if astray else bare
+            bare = best_known(at, group, bare, found.passed if exact else (setup, *found.passed))
             shifts[group.effect] = _changes(at, bare, group)
         if not _needed(at, bare, group, begun):
             continue
@@ -254,7 +254,7 @@ class _Judge:
 
     at: Evaluation
     recordings: Sequence[Recording]
-    own: float
+    owns: Sequence[float]
     least: float
     exact: bool
     complete: bool
@@ -279,16 +279,30 @@ class _Judge:
             return True
         there = approached(bare, self.recordings)
         LOG.info("without %s: %.3f mm", group.label, 1e3 * there.mean_err)
-        here, without_it = _errs_where_it_acts(self.near, there, group)
+        here, without_it, own = self._errs_where_it_acts(self.near, there, group)
         if here > (1.0 - LOWERS) * without_it:
             if self.complete or not _nearer_as_fitted(self.at, bare, group):
                 return False
-            here, without_it = _errs_where_it_acts(self.at, bare, group)
+            here, without_it, own = self._errs_where_it_acts(self.at, bare, group)
         if self.exact or (group.start is None and is_beyond(self.at, group)):
             return True
-        explained = without_it < OWN * min(self.own, here)
+        explained = without_it < OWN * min(own, here)
         little = explained or without_it - here < self.least
         return not little or bool(strained(bare, self.at))
+
+    def _errs_where_it_acts(
+        self, at: Evaluation, bare: Evaluation, group: Proposal
+    ) -> tuple[float, float, float]:
+        """ERR with and without a cause, and of the measurement alone [m]; of what acts now and
+        then, such as a peg that is hit or a yield, in the recording where it takes most.
+        """
+        errs = [
+            (float(np.mean(a)), float(np.mean(b)), own)
+            for a, b, own in zip(at.err, bare.err, self.owns, strict=True)
+        ]
+        if effects()[group.effect].smooth:
+            return at.mean_err, bare.mean_err, float(np.mean(self.owns))
+        return max(errs, key=lambda e: e[1] - e[0])
 
 
 def _nearer_as_fitted(at: Evaluation, bare: Evaluation, group: Proposal) -> bool:
@@ -306,16 +320,6 @@ def _cause(group: Proposal, rivals: Rivals, at: Evaluation, bare: Evaluation) ->
     """A group as a cause."""
     names = tuple(p.name for p in group.parameters)
     return Cause(group.effect, names, rivals, log_bayes_factor(at, bare), bare.mean_err)
-
-
-def _errs_where_it_acts(at: Evaluation, bare: Evaluation, group: Proposal) -> tuple[float, float]:
-    """ERR with and without a cause [m]; of what acts now and then, such as a peg that is hit or a
-    yield, in the recording where it takes most.
-    """
-    if group.from_nothing:
-        return at.mean_err, bare.mean_err
-    errs = [(float(np.mean(a)), float(np.mean(b))) for a, b in zip(at.err, bare.err, strict=True)]
-    return max(errs, key=lambda e: e[1] - e[0])
 
 
 def _changes(at: Evaluation, other: Evaluation, group: Proposal) -> dict[str, float]:

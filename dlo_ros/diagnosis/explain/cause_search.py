@@ -10,18 +10,16 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from dlo_ros.diagnosis.explain.candidate_trials import (
-    FIT_ITERATIONS,
     Step,
     Trial,
     begun_instead,
     best_trials,
     best_with,
-    fitted,
 )
 from dlo_ros.diagnosis.explain.certainty import far_off, tolerances_off
 from dlo_ros.diagnosis.explain.far_starts import (
@@ -29,6 +27,7 @@ from dlo_ros.diagnosis.explain.far_starts import (
     best_stood_for,
     with_best_in_place,
 )
+from dlo_ros.diagnosis.explain.left_out import beside_neutral, linear_loss, without
 from dlo_ros.diagnosis.explain.measurement_error import own_err
 from dlo_ros.diagnosis.explain.offered_effects import Offer, offered, ranked_proposals
 from dlo_ros.diagnosis.proposals.linear_evidence import (
@@ -37,21 +36,12 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
 )
 from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import (
-    Evaluation,
-    borrowed,
-    evaluate,
-    linear_posterior,
-    rejudged,
-)
-from dlo_ros.inference.joint_fit import fit, nearest_err
-from dlo_ros.inference.losses import misfit
+from dlo_ros.inference.joint import Evaluation, evaluate
+from dlo_ros.inference.joint_fit import nearest_err
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.model_comparison import log_bayes_factor
 from dlo_ros.inference.parameter import SLAB, ParametricModel
-from dlo_ros.inference.plain_rod import taken_for_plain
 from dlo_ros.inference.thresholds import CLEARLY_LESS, INDISPENSABLE, LOWERS, OWN, WORTH
-from dlo_ros.inference.variances import posterior
 
 LOG = logging.getLogger(__name__)
 
@@ -72,6 +62,7 @@ class Search:
         second: the fit with the first cause that would have been added if the best had not been
             there, where it gained nearly as much.
         of_two: log evidence with the first two causes; infinite where there were never two.
+        passed: the models that the search has passed through, the one that it began with first.
     """
 
     at: Evaluation
@@ -80,6 +71,7 @@ class Search:
     offer: Offer | None
     second: Trial | None = None
     of_two: float = np.inf
+    passed: tuple[Evaluation, ...] = ()
 
 
 def search(
@@ -114,6 +106,8 @@ def search(
     trace: list[Step] = []
     offer: Offer | None = None
     exchanged: list[str] = []
+    passed: list[Evaluation] = []
+    elsewhere: dict[str, list[Trial]] = {}
     second: Trial | None = None
     of_two = np.inf
     left = _is_left(at, recordings, enough)
@@ -160,11 +154,13 @@ def search(
         if not causes:
             second = _second(trials, found, at)
         gain = log_bayes_factor(found[0], at)
+        passed.append(at)
+        elsewhere[found[1].label] = _elsewhere(trials, found)
         at, causes = found[0], [*causes, found[1]]
         if at.posterior.evidence + (MOST_CAUSES - number) * gain < wanted:
             break
         if number > 1:
-            at, causes = with_best_in_place(at, causes, recordings, begun)
+            at, causes = with_best_in_place(at, causes, recordings, begun, elsewhere)
         at, kept, steps = _needed_alone(number, at, causes, recordings)
         dropped |= {c.label for c in causes} - {c.label for c in kept}
         causes, trace = kept, trace + steps
@@ -173,7 +169,7 @@ def search(
         if little and number > 1:
             break
         left = _is_left(at, recordings, enough)
-    return Search(at, tuple(causes), tuple(trace), offer, second, of_two)
+    return Search(at, tuple(causes), tuple(trace), offer, second, of_two, tuple(passed))
 
 
 def _needed_alone(
@@ -214,6 +210,15 @@ def _second(trials: Sequence[Trial], found: Trial, at: Evaluation) -> Trial | No
         return None
     gain, most = (log_bayes_factor(t[0], at) for t in (second, found))
     return second if gain >= CLEARLY_LESS * most else None
+
+
+def _elsewhere(trials: Sequence[Trial], found: Trial) -> list[Trial]:
+    """Trials of the effect that is added, at other places.
+
+    While other causes are missing, a soft stretch may do the work of a stiff one beside it.
+    """
+    effect, label = found[1].effect, found[1].label
+    return [t for t in trials if t[1].effect == effect and t[1].label != label and t[1].start]
 
 
 def _far_beside(
@@ -320,15 +325,8 @@ def _new(predictions: Sequence[PredictedGain], known: set[str]) -> list[Predicte
 
 
 def _with_neutral(at: Evaluation, model: ParametricModel, group: Proposal) -> ParametricModel:
-    """A model with a group at neutral, and the other parameters as `_beside_neutral` says."""
-    return _beside_neutral(at, model, group).centred([p.name for p in group.parameters])
-
-
-def _beside_neutral(at: Evaluation, model: ParametricModel, group: Proposal) -> ParametricModel:
-    """A model at the mean of the linearised posterior with a group of parameters at neutral."""
-    held = model.with_prior([p.held() for p in group.parameters])
-    step = posterior(at.spectra, at.variances, held.offset(), held.precision()).step
-    return model.at(model.theta() + step)
+    """A model with a group at neutral, and the other parameters as `beside_neutral` says."""
+    return beside_neutral(at, model, group).centred([p.name for p in group.parameters])
 
 
 def _compared(number: int, trial: Trial, at: Evaluation, outcome: str) -> Step:
@@ -342,54 +340,3 @@ def _tell(steps: Sequence[Step]) -> None:
     for s in steps:
         err = "-" if s.err is None else f"{1e3 * s.err:.3f} mm"
         LOG.info("cause %d: %s: %+.1f, ERR %s: %s", s.step, s.name, s.gain, err, s.outcome)
-
-
-def linear_loss(at: Evaluation, cause: Proposal, *, wholly: bool = False) -> float:
-    """Log evidence lost without a cause, by the linearised posterior; 0 where it tells nothing.
-
-    Args:
-        wholly: see `without`.
-    """
-    if cause.start is None and not wholly:
-        bare = at.model.with_prior([p.returned(SLAB) for p in cause.parameters])
-    elif cause.from_nothing:
-        bare = at.model.with_prior([p.held() for p in cause.parameters])
-    else:
-        return 0.0
-    found = linear_posterior(at, at.spectra, bare.offset(), bare.precision())
-    return at.promised - found.evidence
-
-
-def without(
-    at: Evaluation, cause: Proposal, recordings: Sequence[Recording], *, wholly: bool = False
-) -> Evaluation | None:
-    """The joint model fitted without a cause; None where it cannot be simulated.
-
-    Args:
-        wholly: whether a number of the set-up becomes neutral, instead of going back to its
-            tolerance.
-    """
-    if cause.start is None and not wholly:
-        return fitted(at.model.with_prior([p.returned(SLAB) for p in cause.parameters]), recordings)
-    plain = at.model if cause.start is None else taken_for_plain(at.model, cause.effect)
-    begins = [_neutral(plain, cause)]
-    if cause.from_nothing:
-        begins.append(_neutral(_beside_neutral(at, at.model, cause), cause))
-    begun: list[Evaluation] = []
-    for model in begins:
-        try:
-            begun.append(rejudged(borrowed(at, model, recordings)))
-        except SimulationError as err:
-            LOG.info("without %s: %s", cause.label, err)
-    if not begun:
-        return None
-    nearest = min(begun, key=lambda e: misfit(e, at))
-    return fit(nearest, recordings, FIT_ITERATIONS)
-
-
-def _neutral(model: ParametricModel, cause: Proposal) -> ParametricModel:
-    """The model without a cause; a damping has the parameter file's value again, and keeps it."""
-    names = [p.name for p in cause.parameters if p.effect]
-    guessed = [p.name for p in cause.parameters if not p.effect]
-    model = model.centred(guessed).without(names)
-    return replace(model, parameters=tuple(p for p in model.parameters if p.name not in guessed))

@@ -39,6 +39,8 @@ def beyond(at: Evaluation, covariance: FloatArray | None = None) -> list[Proposa
 def beyond_for_certain(at: Evaluation, group: Proposal, covariance: FloatArray) -> bool:
     """Whether a size lies more than one tolerance off, and its uncertainty farther than that.
 
+    Laws that are not the true ones shift every number by as much as counts as neutral (`NOTABLE`):
+    by so much it must be farther off.
     A damping that is only guessed is such a size where there is more of it: something damps the
     DLO then. Less of it is a guess that was too high.
 
@@ -49,7 +51,11 @@ def beyond_for_certain(at: Evaluation, group: Proposal, covariance: FloatArray) 
     offset = at.model.offset()
     less = any(p.guessed and offset[at.model.index(p.name)] > 0.0 for p in group.parameters)
     sizes = _sizes(at, group, covariance)
-    return group.from_nothing and not less and any(off > 1.0 + CERTAIN * std for off, std in sizes)
+    return (
+        group.from_nothing
+        and not less
+        and any(off > 1.0 + NOTABLE + CERTAIN * std for off, std in sizes)
+    )
 
 
 def is_beyond(at: Evaluation, group: Proposal, tolerances: float = BEYOND) -> bool:

@@ -2,7 +2,8 @@
 """A peg or wall beside other causes, which hide it as long as they are not known.
 
 Contacts are proposed by the pictures that are wrong in a model which is right before the DLO hits
-anything. Where a grip slips, or a creep goes on, the set-up alone is right in none.
+anything. Where a grip slips, or a creep goes on, the set-up alone is right in none, and a wall that
+no picture has shown may take the place of a peg.
 """
 
 from __future__ import annotations
@@ -16,14 +17,17 @@ from dlo_ros.diagnosis.contact.contact_search import (
     ContactBesideSetUp,
     contacts_beside_set_up,
 )
-from dlo_ros.diagnosis.explain.candidate_trials import comes_nearer
+from dlo_ros.diagnosis.explain.candidate_trials import Trial, comes_nearer
 from dlo_ros.diagnosis.explain.cause_search import Search, leaves_something, search, takes_little
 from dlo_ros.diagnosis.explain.contact_trials import Contact, best_contact
+from dlo_ros.diagnosis.explain.left_out import without
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects import Start
+from dlo_ros.inference.joint_fit import nearest_err
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.model_comparison import log_bayes_factor
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.thresholds import WORTH
+from dlo_ros.inference.thresholds import LOWERS, WORTH
 from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)
@@ -31,41 +35,55 @@ LOG = logging.getLogger(__name__)
 
 def with_contact(
     found: Search, given: Settings, neutral: ParametricModel, recordings: Sequence[Recording],
-    begun: Sequence[Start], enough: float,
+    begun: Sequence[Start], enough: float, shown: Trial | None = None,
 ) -> tuple[Search, Contact | None]:  # fmt: skip
     """A search that goes on with what the DLO may have hit beside its causes.
 
     Args:
-        found: the result of a search; where it leaves nothing that matters, it stays.
+        found: the result of a search; where it leaves nothing that matters, and nothing was hit, it
+            stays.
         given: the parameter file.
         neutral, begun, enough: see `cause_search.search`.
+        shown: what the pictures have shown that the DLO hit, before any cause was known.
 
     Returns:
         The better result, and what was hit; None where nothing was, or it had been found.
     """
-    if not found.causes or EFFECTS & {c.effect for c in found.causes}:
+    hit = next((c for c in found.causes if c.effect in EFFECTS), None)
+    others = tuple(c for c in found.causes if c is not hit)
+    if not others or (hit is not None and shown is not None):
         return found, None
-    if not leaves_something(found.at, recordings, enough):
+    if hit is None and not leaves_something(found.at, recordings, enough):
         return found, None
-    contact = best_contact(found.at, recordings, _contacts(found, given, recordings))
-    if contact is None or takes_little(contact.trial, found.at, recordings):
+    bare = found.at if hit is None else without(found.at, hit, recordings)
+    if bare is None:
         return found, None
-    at, hit = contact.trial
-    causes = (*found.causes, hit)
-    more = search(at, neutral, recordings, begun, enough, present=causes)
+    contacts = _contacts(bare.model, others, given, recordings)
+    contact = best_contact(bare, recordings, contacts)
+    if contact is None or takes_little(contact.trial, bare, recordings):
+        return found, None
+    at, peg = contact.trial
+    more = search(at, neutral, recordings, begun, enough, present=(*others, peg))
     gain = log_bayes_factor(more.at, found.at)
-    LOG.info("%s beside the causes: %+.1f in evidence", hit.label, gain)
-    if gain < WORTH or not comes_nearer(more.at, found.at, recordings):
+    LOG.info("%s beside the causes: %+.1f in evidence", peg.label, gain)
+    if gain >= WORTH and comes_nearer(more.at, found.at, recordings):
+        return replace(more, trace=(*found.trace, *more.trace)), contact
+    if hit is None or hit.effect == peg.effect:
         return found, None
-    return replace(more, trace=(*found.trace, *more.trace)), contact
+    near = (1.0 - LOWERS) * nearest_err(more.at, recordings) <= nearest_err(found.at, recordings)
+    return found, Contact.of((found.at, hit), (more.at, peg), as_near=near)
 
 
 def _contacts(
-    found: Search, given: Settings, recordings: Sequence[Recording]
-) -> list[ContactBesideSetUp]:
-    """Pegs and walls beside causes that stay what they are in undisturbed pictures."""
-    model = found.at.model
-    of_causes = {p.name for c in found.causes for p in c.parameters}
+    model: ParametricModel, causes: Sequence[Proposal], given: Settings,
+    recordings: Sequence[Recording],
+) -> list[ContactBesideSetUp]:  # fmt: skip
+    """Pegs and walls beside causes that stay what they are in undisturbed pictures.
+
+    Args:
+        model: the model with the causes.
+    """
+    of_causes = {p.name for c in causes for p in c.parameters}
     pairs = zip(model.parameters, model.theta(), strict=True)
     held = model.with_prior([p.held(float(x)) for p, x in pairs if p.name in of_causes])
     there = contacts_beside_set_up(recordings, given, held)

@@ -72,7 +72,7 @@ def beside_exact_set_up(
     if not separable or _coloured(found.at) > MUCH_LARGER:
         return None
     try:
-        there = replace(found, at=_fitted(found.at.model, recordings), offer=None)
+        there = replace(found, at=_fitted(found.at.model, recordings), offer=None, passed=())
         if not _white(there.at):
             known = None if contact is None else contact[1]
             alone = there.at

@@ -8,7 +8,7 @@ model's, and while it is missing, the set-up is strained until it does a part of
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from dlo_ros.diagnosis.explain.candidate_trials import Trial, begun_instead, best_gain
@@ -73,19 +73,44 @@ def best_stood_for(
 
 def with_best_in_place(
     at: Evaluation, causes: Sequence[Proposal], recordings: Sequence[Recording],
-    begun: Sequence[Start],
+    begun: Sequence[Start], elsewhere: Mapping[str, Sequence[Trial]],
 ) -> tuple[Evaluation, list[Proposal]]:  # fmt: skip
-    """A model and its causes, with another effect in the place of one where that explains more.
+    """A model and its causes, with another effect in the place of one where that explains more, or
+    with the same effect elsewhere.
 
     While other causes were missing, the wrong one of both may have explained more.
+
+    Args:
+        elsewhere: fits of a cause's effect at other places, by its label, before the causes that
+            come after it were added.
     """
     result = list(causes)
     for k, cause in enumerate(causes):
-        better = best_gain(in_its_place((at, cause), recordings, begun), at, recordings)
+        trials = in_its_place((at, cause), recordings, begun)
+        moved = elsewhere.get(cause.label, ())
+        trials += [t for o in moved if (t := _with_later(o, at, result[k + 1 :], recordings))]
+        better = best_gain(trials, at, recordings)
         if better is not None:
             at, result[k] = better
             LOG.info("%s, instead of %s", result[k].label, cause.label)
     return at, result
+
+
+def _with_later(
+    trial: Trial, at: Evaluation, later: Sequence[Proposal], recordings: Sequence[Recording]
+) -> Trial | None:
+    """The fit of a trial with causes that were added after it, of the sizes that they have."""
+    (there, proposal), effects = trial, at.model.settings.effects
+    model = there.model
+    if any(p.effect not in effects for p in model.parameters if p.effect):
+        return None  # something that is no cause any more
+    for cause in later:
+        if cause.start is None:
+            model = model.with_prior(cause.parameters)
+        else:
+            sized = replace(cause.start, block=effects[cause.effect])
+            model, _ = with_proposals(model, [proposal_of(model.settings, sized)])
+    return _settled(model, proposal, recordings)
 
 
 def _nearer_with(

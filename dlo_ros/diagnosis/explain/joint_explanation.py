@@ -7,6 +7,8 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
 from dlo_ros.diagnosis.explain.candidate_trials import (
     FIT_ITERATIONS,
@@ -22,14 +24,15 @@ from dlo_ros.diagnosis.explain.cause_naming import (
     without_dampings,
     without_needless,
 )
-from dlo_ros.diagnosis.explain.cause_search import Search, search, without
+from dlo_ros.diagnosis.explain.cause_search import Search, search
 from dlo_ros.diagnosis.explain.certainty import departures
 from dlo_ros.diagnosis.explain.contact_beside_causes import with_contact
 from dlo_ros.diagnosis.explain.contact_trials import Contact, best_contact
 from dlo_ros.diagnosis.explain.exact_setup import beside_exact_set_up
 from dlo_ros.diagnosis.explain.explanation import Explanation
 from dlo_ros.diagnosis.explain.far_starts import best_far_start
-from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
+from dlo_ros.diagnosis.explain.left_out import without
+from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err, own_errs
 from dlo_ros.diagnosis.explain.own_moments import for_recordings
 from dlo_ros.diagnosis.explain.peg_instead import with_peg_or_wall
 from dlo_ros.diagnosis.explain.peg_size import best_sized
@@ -117,9 +120,8 @@ def explain(
     setup, first = _beginning(prepared, begun, contact, enough)
     found = search(setup, prepared.meant, recordings, begun, enough, first)
     found = best_of_beginnings(found, setup, prepared.meant, recordings, begun, enough)
-    found, beside = with_contact(found, given, prepared.meant, recordings, begun, enough)
-    # A contact that was found beside other causes is no beginning without them.
     hit = contact.trial if contact is not None and contact.trial[1] in found.causes else None
+    found, beside = with_contact(found, given, prepared.meant, recordings, begun, enough, hit)
     precise = beside_exact_set_up(found, prepared.meant, recordings, begun, enough, hit)
     exact = precise is not None
     return _concluded(prepared, given, precise or found, setup, beside or contact, exact=exact)
@@ -180,14 +182,15 @@ def _concluded(
         found.at.posterior.evidence, 1e3 * near.mean_err,
     )  # fmt: skip
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
-    own = own_err(near, recordings)
+    owns = own_errs(near, recordings)
+    own = float(np.mean(owns))
     material = material_err(own, given)
     nameable = _nameable_err(found, setup, prepared, own)
 
     def naming() -> tuple[tuple[Cause, ...], Shifts]:
         whole = near.mean_err < material
         causes, shifts = named(
-            found, setup, bares, recordings, begun, own, nameable, exact=exact, complete=whole
+            found, setup, bares, recordings, begun, owns, nameable, exact=exact, complete=whole
         )
         causes = beside_contact(causes, contact, complete=whole)
         if not whole:

@@ -37,6 +37,11 @@ def material_err(own: float, given: Settings) -> float:
 
 
 def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
+    """ERR of the measurement alone, on average of the recordings [m]; see `own_errs`."""
+    return float(np.mean(own_errs(at, recordings)))
+
+
+def own_errs(at: Evaluation, recordings: Sequence[Recording]) -> tuple[float, ...]:
     """ERR of the measurement alone [m]: noise, and errors that stay while the DLO moves.
 
     The latter are taken as each recording shows them, since few numbers cause them: their
@@ -85,7 +90,7 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
             owns.append(_size(share**2 * found[k], slides[k]))
         else:
             owns.append(whole[k])
-    return float(np.mean(owns))
+    return tuple(owns)
 
 
 def _size(variance: FloatArray, slide: float) -> float:

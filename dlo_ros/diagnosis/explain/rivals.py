@@ -13,9 +13,9 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     Trial,
     fitted,
 )
-from dlo_ros.diagnosis.explain.cause_search import linear_loss, without
 from dlo_ros.diagnosis.explain.certainty import strained
 from dlo_ros.diagnosis.explain.far_starts import in_its_place
+from dlo_ros.diagnosis.explain.left_out import linear_loss, without
 from dlo_ros.diagnosis.explain.offered_effects import Offer, ranked_proposals
 from dlo_ros.effects import Start
 from dlo_ros.effects.start import Block
