@@ -18,10 +18,9 @@ from dlo_ros.cli.diagnosis_words import (
     title,
     values,
 )
-from dlo_ros.cli.set_up_table import distance_off, labels_of, set_up_is_off, setup_lines
+from dlo_ros.cli.set_up_table import is_far_off, labels_of, set_up_is_off, setup_lines
 from dlo_ros.diagnosis import Diagnosis, NamedEffect, RecordingView
 from dlo_ros.identification.identifiability import enumerated
-from dlo_ros.inference.thresholds import BEYOND
 from dlo_ros.inference.weighted_quantiles import weighted_quantiles
 from dlo_ros.report.diagnosis_content import Question, SetupRow
 from dlo_ros.report.elements import measured, number
@@ -267,12 +266,7 @@ def _within(found: Diagnosis) -> str:
 def _far_off(found: Diagnosis) -> str:
     """The numbers of the set-up that are far beyond their tolerance, by their labels."""
     labels = labels_of(found)
-    return enumerated(
-        [
-            labels[name] for name, n in found.setup.items()
-            if n.tolerance is not None and distance_off(name, n) > BEYOND * n.tolerance
-        ]
-    )  # fmt: skip
+    return enumerated([labels[name] for name, n in found.setup.items() if is_far_off(name, n)])
 
 
 def _nothing_left(found: Diagnosis) -> bool:

@@ -9,10 +9,12 @@ from dlo_ros.cli.diagnosis_words import amount, bare, label, off_by
 from dlo_ros.diagnosis import Diagnosis, SetupNumber
 from dlo_ros.effects import quantities
 from dlo_ros.inference.parameter import split_name
+from dlo_ros.inference.thresholds import BEYOND
 from dlo_ros.report.diagnosis_content import SetupRow
 
 NOTABLE = 3.0
-"""Standard deviations from neutral, from which a number of the set-up is notably off."""
+"""Standard deviations from neutral, from which a number of the set-up is notably off; so is what
+lies far beyond its tolerance as fitted, of which the data determine less."""
 NOT_DETERMINED = "not determined"
 IF_DENSITY = ", at this density"
 """Condition under which a number is known of which the data determine the ratio to the density."""
@@ -28,14 +30,12 @@ def setup_lines(found: Diagnosis) -> tuple[SetupRow, ...]:
     labels = labels_of(found)
     counts = _counts(found)
     named = {e.name for e in found.effects}
-    off = {
-        name: _deviations(name, n)
-        for name, n in found.setup.items()
-        if split_name(name)[0] not in named
-    }
+    numbers = {k: n for k, n in found.setup.items() if split_name(k)[0] not in named}
+    off = {name: _deviations(name, n) for name, n in numbers.items()}
+    notable = {name: off[name] > NOTABLE or is_far_off(name, n) for name, n in numbers.items()}
     return tuple(
-        _row(name, labels[name], found.setup[name], counts[name], notable=off[name] > NOTABLE)
-        for name in sorted(off, key=lambda name: -off[name])
+        _row(name, labels[name], numbers[name], counts[name], notable=notable[name])
+        for name in sorted(off, key=lambda name: (-notable[name], -off[name]))
     )
 
 
@@ -66,6 +66,11 @@ def _deviations(name: str, n: SetupNumber) -> float:
     if not std or not quantities(effect)[key].from_neutral:
         return 0.0
     return distance_off(name, n) / std
+
+
+def is_far_off(name: str, n: SetupNumber) -> bool:
+    """Whether a number lies far beyond its tolerance, certain or not, see `BEYOND`."""
+    return n.tolerance is not None and distance_off(name, n) > BEYOND * n.tolerance
 
 
 def distance_off(name: str, n: SetupNumber) -> float:
