@@ -32,7 +32,7 @@ def test_the_set_up_is_a_table_with_what_is_off_first():
 
 
 def test_what_lies_far_beyond_its_tolerance_is_told_though_it_is_not_certain():
-    """The sentences above the table speak of it: 3.0 +- 1.4 degrees of a tilt, where one is usual."""
+    """The sentences above the table speak of it, such as a tilt of 3.0 +- 1.4 degrees."""
     tilted = {"gravity_tilt.angle": SetupNumber(-0.053, 0.024, 0.0175, "rad")}
     (line,) = setup_lines(case("unexplained", causes=(), setup=tilted))
     assert line.notable and line.off.startswith("3.0 +- 1.4 degrees")
