@@ -9,7 +9,7 @@ import pytest
 from experiment_recordings import moving
 
 from dlo_ros.diagnosis import pipeline
-from dlo_ros.diagnosis.explain import joint_explanation
+from dlo_ros.diagnosis.explain import cause_search, joint_explanation
 from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.joint_explanation import explain, explain_again
 from dlo_ros.diagnosis.findings.joint_learning import all_learned_from, training_set
@@ -79,7 +79,8 @@ def test_more_causes_are_sought_beside_known_ones_that_leave_something(
 
     monkeypatch.setattr(joint_explanation, "fitted", lambda *_, **__: at)
     monkeypatch.setattr(joint_fit, "approached", lambda at, *_: at)
-    monkeypatch.setattr(joint_explanation, "own_err", lambda *_: own)
+    for module in (joint_explanation, cause_search):
+        monkeypatch.setattr(module, "own_err", lambda *_: own)
     monkeypatch.setattr(joint_explanation, "material_err", lambda *_: 0.25e-3)
     monkeypatch.setattr(joint_explanation, "starts", lambda _: [])
     monkeypatch.setattr(joint_explanation, "search", search)
@@ -92,7 +93,7 @@ def test_more_causes_are_sought_beside_known_ones_that_leave_something(
         here = SimpleNamespace(recordings=(), scene=None, meant=None, setup=setup)
         return explain_again(here, None, known)
 
-    assert again_beside(2.0) is None  # the set-up alone explains as much
+    assert again_beside(2.0) is None  # the set-up alone explains as much, and leaves something
     again = again_beside(0.0)
     if outcome is None:
         assert again is None
@@ -101,6 +102,31 @@ def test_more_causes_are_sought_beside_known_ones_that_leave_something(
     assert again[1] == "wall"
     assert again[0].causes == (("tilt", "mass") if more else ("tilt",))
     assert again[0].trace == (("found", "more") if more else ("found",))
+
+
+@pytest.mark.parametrize(("alone", "own"), [(0.6e-3, 0.5e-3), (0.7e-3, 0.6e-3), (0.6e-3, 0.4e-3)])
+def test_a_set_up_that_leaves_nothing_is_explained_without_causes_that_were_found_in_vain(
+    monkeypatch, alone, own
+):
+    """A softening had gained 12 in log evidence in three recordings, and lost in four."""
+    with_cause, setup = evaluation(-6.0, 0.6e-3), evaluation(0.0, alone)
+    plain = SimpleNamespace(settings=SimpleNamespace(own={}))
+    known = SimpleNamespace(
+        at=SimpleNamespace(mean_err=0.5e-3, model=plain), proposals=("softening",),
+        trace=("found",), contact=None, exact=False,
+    )  # fmt: skip
+    monkeypatch.setattr(joint_explanation, "fitted", lambda *_, **__: with_cause)
+    monkeypatch.setattr(joint_fit, "approached", lambda at, *_: at)
+    monkeypatch.setattr(cause_search, "own_err", lambda *_: own)
+    monkeypatch.setattr(joint_explanation, "material_err", lambda *_: 0.25e-3)
+    monkeypatch.setattr(joint_explanation, "search", lambda *_, **__: pytest.fail("searched"))
+    monkeypatch.setattr(joint_explanation, "_concluded", lambda _, __, found, *___, **____: found)
+    here = SimpleNamespace(recordings=(), scene=None, meant=None, setup=setup)
+    found = explain_again(here, None, known)
+    if alone > 1.3 * 0.5e-3 or alone > 1.3 * own:  # it leaves more than before, or something
+        assert found is None
+    else:
+        assert found == Search(setup, (), ("found",), None)
 
 
 @pytest.mark.parametrize("whole", [False, True])

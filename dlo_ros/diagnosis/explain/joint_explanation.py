@@ -24,7 +24,7 @@ from dlo_ros.diagnosis.explain.cause_naming import (
     without_dampings,
     without_needless,
 )
-from dlo_ros.diagnosis.explain.cause_search import Search, search
+from dlo_ros.diagnosis.explain.cause_search import Search, leaves_something, search
 from dlo_ros.diagnosis.explain.certainty import departures
 from dlo_ros.diagnosis.explain.contact_beside_causes import with_contact
 from dlo_ros.diagnosis.explain.contact_trials import Contact, best_contact
@@ -138,19 +138,24 @@ def explain_again(prepared: Prepared, given: Settings, known: Explanation) -> Ex
 
     Returns:
         None where the model does not come as near to these recordings as to those in which its
-        causes were found, or where these explain no more than the set-up alone does.
+        causes were found, or where these explain no more than the set-up alone, which leaves
+        something. Where it leaves nothing, it is the explanation.
     """
     recordings, enough = prepared.recordings, material_err(0.0, given)
     at = fitted(for_recordings(known.at.model, recordings), recordings, far=True)
     if at is None:
         return None
+    in_vain = bool(known.proposals) and log_bayes_factor(at, prepared.setup) < WORTH
+    if in_vain:
+        at = prepared.setup
     near, before = nearest_err(at, recordings), known.at.mean_err
     LOG.info("known causes: %.3f mm, %.3f mm before", 1e3 * near, 1e3 * before)
-    gain = log_bayes_factor(at, prepared.setup)
-    if near > max(OWN * before, enough) or (known.proposals and gain < WORTH):
+    if near > max(OWN * before, enough):
         return None
-    found = Search(at, known.proposals, known.trace, None)
-    if at.mean_err > max(OWN * own_err(at, recordings), enough):
+    if in_vain and leaves_something(at, recordings, enough):
+        return None
+    found = Search(at, () if in_vain else known.proposals, known.trace, None)
+    if not in_vain and at.mean_err > max(OWN * own_err(at, recordings), enough):
         begun, present = starts(prepared.scene), known.proposals
         more = search(at, prepared.meant, recordings, begun, enough, present=present)
         found = replace(more, trace=(*known.trace, *more.trace))
