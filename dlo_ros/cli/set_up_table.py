@@ -35,7 +35,7 @@ def setup_lines(found: Diagnosis) -> tuple[SetupRow, ...]:
     notable = {name: off[name] > NOTABLE or is_far_off(name, n) for name, n in numbers.items()}
     return tuple(
         _row(name, labels[name], numbers[name], counts[name], notable=notable[name])
-        for name in sorted(off, key=lambda name: (-notable[name], -off[name]))
+        for name in sorted(off, key=lambda name: (not notable[name], -off[name]))
     )
 
 
