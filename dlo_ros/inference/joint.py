@@ -142,17 +142,20 @@ def simulate(
 def _boundless(
     jacobian: FloatArray, model: ParametricModel, names: Sequence[str]
 ) -> NDArray[np.bool_]:
-    """Which derivatives say nothing of a step of one tolerance, shape (P,).
+    """Which derivatives say nothing even of the step of a difference, shape (P,).
 
-    It would move the DLO by more than its length. Through impacts the derivatives of a motion grow
-    beyond what any step could do, and where several of them have, the others have grown as well.
+    It would move the DLO by more than its length. Near a snap they are large, and right; through
+    impacts they grow beyond what any step could do, and where several of them have, the others may
+    have grown by as much. They say something where they would be within the length all the same.
     That by the moment of a sudden slip is as large by itself.
     """
     steps = np.array([model.parameters[model.index(name)].step for name in names])
     with np.errstate(over="ignore"):  # they may grow beyond all numbers, too
         moves = np.linalg.norm(jacobian, axis=2) * steps
-    beyond = ~np.all(moves <= model.settings.rod.length, axis=0)  # or no number
-    return np.asarray(beyond if np.sum(beyond) < 2 else np.full_like(beyond, True))
+    most = np.nan_to_num(moves, nan=np.inf).max(axis=0, initial=0.0)
+    most *= DIFFERENCE / model.settings.rod.length
+    beyond = most > 1.0
+    return np.asarray(beyond if np.sum(beyond) < 2 else most * most.max() > 1.0)
 
 
 def differences(

@@ -68,12 +68,18 @@ def test_where_derivatives_grow_beyond_what_a_step_could_do_there_are_difference
     steep = np.zeros_like(exact.fields[0][1])
     assert not joint._boundless(exact.fields[0][1], at.model, at.model.names).any()
     assert not joint._boundless(steep[:, :0], at.model, ()).any()
-    for beyond in (1.1 * length / at.model.parameters[0].step, 1e200, np.inf, np.nan):
+    first, second = (length / joint.DIFFERENCE / p.step for p in at.model.parameters[:2])
+    for beyond in (1.1 * first, 1e200, np.inf, np.nan):
         steep[-1, 0, 0] = beyond
         found = joint._boundless(steep, at.model, at.model.names)  # without a word to the user
         assert found[0] and not found[1:].any()
-    steep[0, 1, 0] = np.inf
-    assert joint._boundless(steep, at.model, at.model.names).all()  # two: through impacts
+    steep[:, :3, 0] = 0.3 * first, 1.2 * second, 0.0  # a snap: large and right
+    assert list(joint._boundless(steep, at.model, at.model.names)[:3]) == [False, True, False]
+    steep[:, :3, 0] = 3.0 * first, 3.0 * second, 1e-3 * second  # the third is small for all that
+    assert list(joint._boundless(steep, at.model, at.model.names)[:3]) == [True, True, False]
+    steep[:, :, 0] = 1e6 * np.array([length / p.step for p in at.model.parameters])
+    steep[:, 2] *= 1e-5
+    assert joint._boundless(steep, at.model, at.model.names).all()  # through impacts
 
     monkeypatch.setattr(joint, "_boundless", lambda jacobian, *_: np.full(jacobian.shape[1], True))
     for (r, j), (there, differences) in zip(
