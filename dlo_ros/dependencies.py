@@ -58,7 +58,13 @@ BY_MODULE: Mapping[str, Dependency] = {d.module: d for d in DEPENDENCIES}
 # Besides all that end in _msgs.
 ROS_MODULES = ("ament_index_python", "builtin_interfaces", "rcl_interfaces", "rclpy", "std_srvs")
 
-ROS_REMEDY = "source a ROS 2 Jazzy installation, or pip install 'dlo_ros[ros]'"
+
+def extra(name: str) -> str:
+    """The command that installs the modules of an extra of the package beside it."""
+    return f"pip install -e '.[{name}]' in the folder of dlo_ros's sources"
+
+
+ROS_REMEDY = f"source a ROS 2 Jazzy installation, or {extra('ros')}"
 
 
 def missing(module: str) -> str | None:

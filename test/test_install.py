@@ -166,7 +166,7 @@ def test_a_node_without_ros_says_what_is_missing(name):
     code = WITHOUT_ROS + f"from dlo_ros.cli.main import main; sys.exit(main([{name!r}]))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 2
-    assert "is not installed" in done.stderr and "dlo_ros[ros]" in done.stderr
+    assert "is not installed" in done.stderr and "'.[ros]'" in done.stderr
     assert done.stderr.count("\n") == 1
 
 

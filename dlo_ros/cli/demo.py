@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import subprocess
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 from rich.console import Console
@@ -70,6 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
     console = Console()
     output: Path = arguments.output
     output.mkdir(parents=True, exist_ok=True)
+    if not arguments.bag:  # what lacks ROS is told before a recording is made
+        import_module("dlo_ros.demo.live")
     needed = ("vision", "rod") if arguments.bag else ("synthesis", "vision", "rod")
     with BackgroundCompilation(needed) as compilation:  # goes on while the recording is made
         return _run(arguments, output, console, compilation)

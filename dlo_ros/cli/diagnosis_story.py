@@ -230,13 +230,11 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
     sentences = [_cause(e, length) for e in order]
     if sum(e.share is not None for e in order) > 1:
         sentences.append(OVERLAP)
+    if found.verdict == "adequate" and order and _immaterial(found):
+        sentences.insert(0, "Nothing that matters is wrong. What is certain all the same:")
     if found.verdict == "adequate":
         if found.setup and extends(found) and (not order or set_up_is_off(found)):
-            far = _far_off(found)
-            how = f"off in several places, {far} by more than twice the tolerance"
-            if not far:
-                how = "a little off in several places, each within twice its tolerance"
-            sentences.append(f"The set-up is {how}: see the table.")
+            sentences.append(_slight(found))
         elif not sentences:
             sentences.append(
                 "Nothing that matters is wrong."
@@ -255,6 +253,20 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
             beside = f"No cause is certain; the set-up{_within(found)} explains a part. The rest"
         sentences.append(f"{beside} ({_left(found)}) is explained by no cause that is known here.")
     return tuple(sentences)
+
+
+def _slight(found: Diagnosis) -> str:
+    """How far off the set-up of an adequate model is."""
+    far, places = _far_off(found), sum(row.notable for row in setup_lines(found))
+    if far:
+        return f"The set-up is off, {far} by more than twice the tolerance: see the table."
+    if not places:
+        return (
+            "No number of the set-up is off for certain; together, each within twice its "
+            "tolerance, they explain a part."
+        )
+    where = "one place" if places == 1 else "several places"
+    return f"The set-up is a little off in {where}, each within twice its tolerance: see the table."
 
 
 def _within(found: Diagnosis) -> str:

@@ -16,6 +16,7 @@ from typing import Any
 from dlo_ros import __version__
 from dlo_ros.cli.export_recording import TABLES, write_recordings
 from dlo_ros.cli.loading import load_manipulation, prepare
+from dlo_ros.dependencies import extra
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.export import mujoco_run
 from dlo_ros.export.draws import described, draw, read_knowledge, statement
@@ -154,7 +155,7 @@ def _chosen(
     )
     if mujoco is None:
         return [
-            "nothing was run: MuJoCo is not installed (pip install 'dlo_ros[export]'), "
+            f"nothing was run: MuJoCo is not installed ({extra('export')}), "
             f"so it has {DEFAULT_ELEMENTS} elements"
         ], default
     notes = []

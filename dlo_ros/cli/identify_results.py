@@ -154,7 +154,8 @@ def summary(found: Identification) -> list[str]:
             f"{r.name} ({ROLES[r.role]}): the simulation is {before} off with the guess, {after} "
             "with the estimate (mean distance, ERR)"
         )
-    return lines + force_sentences(found) + alternative_sentences(found)
+    lines += force_sentences(found) + alternative_sentences(found)
+    return lines + _set_up(found) + _model_errors(found)
 
 
 def _headline(found: Identification) -> str:
@@ -232,20 +233,23 @@ def remarks(found: Identification) -> list[str]:
             if left_out == 1
             else f"{left_out} pictures deviate grossly and do not count in the fit."
         )
-    for r in found.recordings:
-        if (
-            r.err is not None
-            and r.noise_floor is not None
-            and r.err > MODEL_ERROR_RATIO * r.noise_floor
-        ):
-            result.append(
-                f"{r.name}: ERR is {r.err / r.noise_floor:.1f} times what noise alone would give. "
-                "Something else is at work, and part of its effect is absorbed by the parameters; "
-                "`diagnose` looks for it."
-            )
+    result += _model_errors(found)
     if found.fitted.error > 0.0:
         result.append(f"The simulation's own error is {rounded(1e3 * found.fitted.error)} mm.")
     return result
+
+
+def _model_errors(found: Identification) -> list[str]:
+    """A sentence on each recording that is farther off than its noise."""
+    return [
+        f"{r.name}: ERR is {r.err / r.noise_floor:.1f} times what noise alone would give. "
+        "Something else is at work, and part of its effect is absorbed by the parameters; "
+        "`diagnose` looks for it."
+        for r in found.recordings
+        if r.err is not None
+        and r.noise_floor is not None
+        and r.err > MODEL_ERROR_RATIO * r.noise_floor
+    ]
 
 
 def report(

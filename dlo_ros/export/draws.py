@@ -108,7 +108,10 @@ def statement(settings: Settings, known: ParameterKnowledge) -> str:
 
 
 def draw(settings: Settings, known: ParameterKnowledge, count: int) -> Iterator[Settings]:
-    """Plausible cables, independent of each other and the same in every call."""
+    """Plausible cables, independent of each other and the same in every call.
+
+    Numbers of effects that a cable does not have, as those of a camera, stay out.
+    """
     random = np.random.default_rng(SEED)
     centre = logarithms(settings)
     present = np.isfinite(centre)
@@ -117,6 +120,8 @@ def draw(settings: Settings, known: ParameterKnowledge, count: int) -> Iterator[
         theta = np.where(present, centre + away, centre)
         effects = {name: dict(keys) for name, keys in settings.effects.items()}
         for (effect, key), std in known.numbers.items():
+            if effect not in effects:
+                continue
             q = quantities(effect)[key]
             value = np.asarray(effects[effect][key]) + std * random.normal(size=np.shape(std))
             value = np.clip(value, q.lower, q.upper)

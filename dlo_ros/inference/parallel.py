@@ -19,6 +19,7 @@ from contextvars import ContextVar
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
+from dlo_ros.dependencies import extra
 from dlo_ros.errors import InputError, SimulationError
 
 LOG = logging.getLogger(__name__)
@@ -144,7 +145,7 @@ class Cluster(Pool):
             distributed: Any = importlib.import_module("distributed")
         except ModuleNotFoundError as err:
             raise InputError(
-                "--scheduler needs Dask; pip install 'dlo_ros[cluster]', on the workers as well"
+                f"--scheduler needs Dask; {extra('cluster')}, on the workers as well"
             ) from err
         try:
             self._client = distributed.Client(address, timeout=CONNECT, set_as_default=False)

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
+from dlo_ros.dependencies import extra
 from dlo_ros.errors import CommandError, InputError
 from dlo_ros.files import write_text
 from dlo_ros.observation import Observation
@@ -49,7 +50,7 @@ def library() -> Any:
     try:
         return importlib.import_module("pyarrow.parquet")
     except ImportError as err:
-        raise InputError("Parquet files need pyarrow; pip install 'dlo_ros[parquet]'") from err
+        raise InputError(f"Parquet files need pyarrow; {extra('parquet')}") from err
 
 
 def write_lerobot(folder: Path, episodes: Sequence[Episode], settings: Settings) -> None:

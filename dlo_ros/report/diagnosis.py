@@ -125,7 +125,8 @@ def _errors(recordings: Sequence[DiagnosedRecording], report: DiagnosisReport) -
     rows = [[r.name, *_mean_errors(r, report)] for r in recordings]
     text = paragraph(
         "Mean distance from the observed shapes of the models that are drawn here, which know all "
-        "of these recordings; the numbers above are those of data that were kept from a fit:"
+        "of these recordings but those given with --holdout; the numbers above are those of data "
+        "that were kept from a fit:"
     )
     return text + table(headers, rows)
 

@@ -210,7 +210,7 @@ def test_ctrl_c_while_a_compiled_function_hands_over_its_result(monkeypatch, tmp
 def test_missing_ros_says_how_to_get_it(monkeypatch, capsys):
     pretend_tool(monkeypatch, raising(ModuleNotFoundError("no", name="sensor_msgs.msg")))
     assert cli.main(["play"]) == 2
-    assert "dlo_ros[ros]" in capsys.readouterr().err
+    assert "'.[ros]'" in capsys.readouterr().err
 
 
 def test_a_defect_is_one_line_and_1(monkeypatch, capsys):

@@ -257,6 +257,11 @@ def test_draws_have_the_spread_that_is_known(tmp_path):
     curved = np.array([c.effects["intrinsic_curvature"]["curvature"] for c in cables])
     assert np.allclose(curved.std(axis=0), 0.25, rtol=0.15)
     assert [c.rod for c in draw(settings, known, 3)] == [c.rod for c in cables[:3]]
+    of_camera = replace(settings, effects=settings.effects | {"camera_scale": {"ratio": 1.01}})
+    path = estimate(tmp_path, setup={"camera_scale.ratio": {"value": 1.01, "std": 0.002}})
+    seen = read_knowledge(of_camera, path)
+    assert ("camera_scale", "ratio") in seen.numbers  # which no simulated cable has
+    assert next(draw(settings, seen, 1)).effects == settings.effects
     assert "95 % interval 1.923e+04 to 2.08e+04" in statement(settings, known)
     assert "uncertainty is not given" in statement(settings, read_knowledge(settings, None))
 

@@ -352,4 +352,4 @@ def test_without_pyarrow_it_is_said(params, tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pyarrow.parquet", None)
     call = ["export", "--params", params, "--recording", bag(tmp_path), "--format", "parquet"]
     assert main([*call, "--output", str(tmp_path / "set")]) == 2
-    assert "pip install 'dlo_ros[parquet]'" in capsys.readouterr().err
+    assert "pip install -e '.[parquet]'" in capsys.readouterr().err

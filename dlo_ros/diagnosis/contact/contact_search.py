@@ -109,7 +109,8 @@ class _Disturbed:
         options = {
             "initial_simplex": simplex, "maxfev": EVALUATIONS, "fatol": ALIKE, "xatol": np.inf
         }  # fmt: skip
-        found = minimize(left, simplex[0], method="Nelder-Mead", options=options)
+        with np.errstate(invalid="ignore"):  # of places where nothing can be simulated
+            found = minimize(left, simplex[0], method="Nelder-Mead", options=options)
         nearest = hit.stepped(found.x, unit)
         try:
             begun = evaluate(self._with(nearest), self.recordings)

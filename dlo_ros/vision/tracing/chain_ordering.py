@@ -211,7 +211,8 @@ class PathSearch:
             where = "between the clamps" if self.start and self.end else "in the picture"
             raise VisionError(
                 f"no continuous DLO of the length {self.length:.3g} {self.rule.unit} found {where} "
-                f"(the longest piece is {longest:.3g} {self.rule.unit})"
+                f"(the longest piece is {longest:.3g} {self.rule.unit}): it is hidden, or "
+                "rod.length or the camera's pose is another"
             )
         complete.sort(key=lambda item: item[0])
         best = complete[0]
