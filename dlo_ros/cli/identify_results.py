@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any
@@ -26,6 +27,7 @@ from dlo_ros.identification.offline.posterior_sampling import Sample
 from dlo_ros.identification.offline.recording_identification import Identification
 from dlo_ros.inference.forecast import Forecast, Manipulation
 from dlo_ros.inference.parameter import split_name
+from dlo_ros.inference.thresholds import SMALL_SHARE
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.report import (
     EstimateRow as ReportedEstimate,
@@ -202,9 +204,14 @@ def force_sentences(found: Identification) -> list[str]:
 
 
 def alternative_sentences(found: Identification) -> list[str]:
-    """Sentences on effects that the identified material rather stands for."""
+    """Sentences on effects that the identified material rather stands for, with another E/mu.
+
+    Where it hardly is another one, the standard deviations say all.
+    """
     result = []
     for other in found.fitted.alternatives:
+        if abs(math.log(other.specific_modulus / found.estimate.specific_modulus)) < SMALL_SHARE:
+            continue
         known = quantities(other.effect)
         values = ", ".join(
             f"{key} {bare(v, known[key].unit)}"

@@ -25,7 +25,7 @@ from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.plain_rod import instead_of_plain
 from dlo_ros.inference.scene import scene_of
-from dlo_ros.inference.thresholds import NAMED, WORTH
+from dlo_ros.inference.thresholds import NAMED
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -53,13 +53,18 @@ class Alternative:
 def alternatives(at: Evaluation, recordings: Sequence[Recording]) -> tuple[Alternative, ...]:
     """Effects that the material of a fit rather stands for.
 
+    As for a cause that `diagnose` names, the recordings must speak for one of K that are tried by
+    `NAMED`, and by ln K more.
+
     Args:
         at: the fit of the plain DLO with its set-up.
     """
     settings = at.model.settings
     absent = [s for s in starts(scene_of(settings, recordings)) if s.effect not in settings.effects]
     found: list[tuple[float, Alternative]] = []
-    for start, model in instead_of_plain(at.model, absent):
+    begun = instead_of_plain(at.model, absent)
+    enough = NAMED + float(np.log(max(len(begun), 1)))
+    for start, model in begun:
         try:
             other = fit(evaluate(model, recordings), recordings, ITERATIONS, draft=True)
         except SimulationError as err:
@@ -67,7 +72,7 @@ def alternatives(at: Evaluation, recordings: Sequence[Recording]) -> tuple[Alter
             continue
         gain = other.posterior.evidence - at.posterior.evidence
         LOG.info("%s, instead of a plain DLO: %+.1f", start.effect, gain)
-        if gain < WORTH:
+        if gain < enough:
             continue
         there = other.model.settings
         shift = np.nan_to_num(logarithms(there) - logarithms(settings), posinf=0.0, neginf=0.0)
