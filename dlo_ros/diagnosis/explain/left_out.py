@@ -76,8 +76,8 @@ def best_known(
     Args:
         at: the model with it.
         bare: the fit from there.
-        known: other models, of which those count that have no other effects and are fitted with
-            as good a law of errors.
+        known: other models, with a set-up as open as theirs; those count that have no other
+            effects.
     """
     effects = {p.effect for p in at.model.parameters} - {cause.effect}
     fits = [e for e in known if {p.effect for p in e.model.parameters} <= effects]
