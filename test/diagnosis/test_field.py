@@ -5,6 +5,7 @@
 """
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -193,6 +194,30 @@ def test_the_drag_of_a_rope_that_was_not_weighed_is_told_for_its_fitted_density(
     assert evaluate._as_told(case, "air_drag", report)["coefficient"] == pytest.approx(told)
 
 
+@pytest.mark.parametrize(
+    ("name", "numbers", "within"),
+    [
+        ("intrinsic_curvature", {"curvature": 0.26}, True),  # 0.5 / L is 1.25
+        ("intrinsic_curvature", {"curvature": [0.2, 1.3]}, False),
+        ("camera_scale", {"ratio": 0.996}, True),
+        ("air_drag", {"coefficient": 0.01}, True),  # 2.5 times the guess with what is there
+        ("air_drag", {"coefficient": 0.06}, False),
+        ("point_mass", {"mass": 1e-6, "position": 0.2}, False),
+    ],
+)
+def test_what_every_set_up_may_have_need_not_be_named(name, numbers, within):
+    tree = {
+        "parameters": {"rod": {"length": 0.4}, "damping": {"air_drag": 0.015}},
+        "guess": {"damping": {"air_drag": 0.01}},
+    }
+    case = SimpleNamespace(causes={name: numbers, "wall": {}}, trees=(tree,), set_up={})
+    assert evaluate.is_tolerated(case) is within
+    assert not evaluate.is_tolerated(SimpleNamespace(causes={}))
+    known = tree | {"guess": {"damping": {"air_drag": 0.01, "air_drag_std": 0.001}}}
+    weighed = SimpleNamespace(causes={"air_drag": {"coefficient": 0.01}}, trees=(known,))
+    assert not evaluate.is_tolerated(weighed)
+
+
 def test_each_effect_has_a_rope_of_its_own(monkeypatch):
     def first_number(rng, seed, names):
         return float(rng.random())
@@ -230,7 +255,10 @@ def test_effects_can_be_asked_for_by_name(monkeypatch, capsys):
     def solved_at_once(case, folder, *, pictures):
         seed, name = case
         outcome = "named" if name == "wall" else "missed"
-        return Result(seed, (name,), "explained", (name,), outcome, (), None, 1, 3, 0.0, None, 9.0)
+        found = Result(
+            seed, (name,), "explained", (name,), outcome, False, (), None, 1, 3, 0.0, None, 9.0
+        )
+        return replace(found, tolerated=True, main="told") if (seed, name) == (6, "wall") else found
 
     def one(seed, count, names, own_rope):
         if seed == 5 and names == ("wall",):
@@ -245,8 +273,11 @@ def test_effects_can_be_asked_for_by_name(monkeypatch, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert "5_wall: no case with wall for seed 5" in lines
     assert any(
-        s.startswith("wall, 2 cases: named 2, rival 0, told 0, missed 0; wrong") for s in lines
+        s.startswith("wall, 2 cases: named 1, rival 0, told 1, missed 0; wrong") for s in lines
     )
+    beyond = "main causes beyond what every set-up may have, 4 cases: named 1, rival 0, told 0, "
+    assert beyond + "missed 3" in lines
+    assert "main causes within it, 1 cases: named 0, rival 0, told 1, missed 0" in lines
     assert any(
         s.startswith("connector, 3 cases: named 0, rival 0, told 0, missed 3;") for s in lines
     )
