@@ -131,7 +131,7 @@ def test_a_cluster_finds_the_same_though_a_worker_is_lost(tmp_path, recordings, 
 
 
 def test_a_scheduler_that_is_not_there_is_told():
-    with pytest.raises(InputError, match=r"dlo_ros\[cluster\]|no Dask scheduler"):
+    with pytest.raises(InputError, match=r"'\.\[cluster\]'|no Dask scheduler"):
         Cluster("tcp://127.0.0.1:1")
 
 
