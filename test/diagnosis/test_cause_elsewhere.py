@@ -36,7 +36,7 @@ def fit_of(evidence, err, model):
 
 @pytest.fixture
 def fits(monkeypatch):
-    """What is fitted, and a fit that explains more."""
+    """A list of the effects with which fits begin; each of these fits explains more."""
     begun = []
 
     def settled(model, proposal, _):

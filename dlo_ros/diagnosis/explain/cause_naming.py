@@ -296,12 +296,12 @@ class _Judge:
         """ERR with and without a cause, and of the measurement alone [m]; of what acts now and
         then, such as a peg that is hit or a yield, in the recording where it takes most.
         """
-        errs = [
-            (float(np.mean(a)), float(np.mean(b)), own)
-            for a, b, own in zip(at.err, bare.err, self.owns, strict=True)
-        ]
         if effects()[group.effect].smooth:
             return at.mean_err, bare.mean_err, float(np.mean(self.owns))
+        errs = (
+            (float(np.mean(a)), float(np.mean(b)), own)
+            for a, b, own in zip(at.err, bare.err, self.owns, strict=True)
+        )
         return max(errs, key=lambda e: e[1] - e[0])
 
 

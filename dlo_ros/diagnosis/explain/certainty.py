@@ -37,10 +37,11 @@ def beyond(at: Evaluation, covariance: FloatArray | None = None) -> list[Proposa
 
 
 def beyond_for_certain(at: Evaluation, group: Proposal, covariance: FloatArray) -> bool:
-    """Whether a size lies more than one tolerance off, and its uncertainty farther than that.
+    """Whether a size lies more than one tolerance off, by more than its uncertainty.
 
-    Laws that are not the true ones shift every number by as much as counts as neutral (`NOTABLE`):
-    by so much it must be farther off.
+    Laws that are not the true ones shift every number, by as much as counts as neutral (`NOTABLE`):
+    it must lie that much farther off.
+
     A damping that is only guessed is such a size where there is more of it: something damps the
     DLO then. Less of it is a guess that was too high.
 
