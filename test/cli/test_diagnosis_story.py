@@ -120,6 +120,13 @@ def test_adequate_says_whether_it_is_as_good_as_matters():
         "for mass on the DLO: no more than a set-up within its tolerances may do."
     )
     assert "a little off in several places" not in answers(made)[1]
+    quiet = case("adequate", (), 4e-3, setup=exact)
+    assert "No number of the set-up is off for certain; together" in answers(quiet)[1]
+    one = case("adequate", (), 4e-3, setup=exact | {k: SETUP[k] for k in list(SETUP)[:1]})
+    assert "a little off in one place, each within" in answers(one)[1]
+    small = case("adequate", before=1.5e-4)
+    assert answers(small)[1].startswith("Nothing that matters is wrong. What is certain all the")
+    assert "Nothing that matters" not in answers(case("adequate"))[1]
     far = case("adequate", (), 4e-3, setup=SETUP | BENT)
     assert headline(far).endswith("for a set-up that is off beyond its tolerances.")
     told = answers(far)[1]
