@@ -6,13 +6,18 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.inference.joint import Evaluation
-from dlo_ros.inference.thresholds import CERTAIN, WORTH
+from dlo_ros.inference.thresholds import CERTAIN, NAMED, WORTH
 from dlo_ros.spline import FloatArray
 
 
 def log_bayes_factor(one: Evaluation, other: Evaluation) -> float:
     """Log evidence of one model over that of another one for the same recordings."""
     return one.posterior.evidence - other.posterior.evidence
+
+
+def certain_gain(tried: int) -> float:
+    """Gain in log evidence from which one of several models that were tried is certain."""
+    return NAMED + float(np.log(tried))
 
 
 def tells_apart(better: Evaluation, other: Evaluation) -> bool:

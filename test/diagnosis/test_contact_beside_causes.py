@@ -107,8 +107,7 @@ def test_nothing_is_looked_for_where_nothing_is_left_or_a_contact_is_known(
     assert with_contact(found, PAPER, None, (), (), 1e-4) == (found, None)
     assert bool(asked.looked_in) == left
     known = Search(found.at, (CAUSE, PEG), (), None)
-    shown = (found.at, PEG)
-    assert with_contact(known, PAPER, None, (), (), 1e-4, shown) == (known, None)
+    assert with_contact(known, PAPER, None, (), (), 1e-4, shown=True) == (known, None)
     alone = Search(found.at, (), (), None)
     assert with_contact(alone, PAPER, None, (), (), 1e-4) == (alone, None)
     assert bool(asked.looked_in) == left

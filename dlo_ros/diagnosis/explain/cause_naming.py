@@ -32,7 +32,7 @@ from dlo_ros.effects import Start, effects
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import approached
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.model_comparison import log_bayes_factor, tells_apart
+from dlo_ros.inference.model_comparison import certain_gain, log_bayes_factor, tells_apart
 from dlo_ros.inference.plain_rod import taken_for_plain
 from dlo_ros.inference.thresholds import (
     FAR,
@@ -104,7 +104,7 @@ def _needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[S
     tried = len({s.effect for s in begun}) if group.start is not None else 1
     loss = log_bayes_factor(at, bare)
     far = at.mean_err < FAR * bare.mean_err
-    return loss >= NAMED + float(np.log(tried)) or (far and loss > 0.0)
+    return loss >= certain_gain(tried) or (far and loss > 0.0)
 
 
 def without_needless(

@@ -17,7 +17,7 @@ from dlo_ros.diagnosis.contact.contact_search import (
     ContactBesideSetUp,
     contacts_beside_set_up,
 )
-from dlo_ros.diagnosis.explain.candidate_trials import Trial, comes_nearer
+from dlo_ros.diagnosis.explain.candidate_trials import comes_nearer
 from dlo_ros.diagnosis.explain.cause_search import Search, leaves_something, search, takes_little
 from dlo_ros.diagnosis.explain.contact_trials import Contact, best_contact
 from dlo_ros.diagnosis.explain.left_out import without
@@ -35,7 +35,7 @@ LOG = logging.getLogger(__name__)
 
 def with_contact(
     found: Search, given: Settings, neutral: ParametricModel, recordings: Sequence[Recording],
-    begun: Sequence[Start], enough: float, shown: Trial | None = None,
+    begun: Sequence[Start], enough: float, *, shown: bool = False,
 ) -> tuple[Search, Contact | None]:  # fmt: skip
     """A search that goes on with what the DLO may have hit beside its causes.
 
@@ -44,14 +44,14 @@ def with_contact(
             stays.
         given: the parameter file.
         neutral, begun, enough: see `cause_search.search`.
-        shown: what the pictures have shown that the DLO hit, before any cause was known.
+        shown: whether what was hit is what the pictures had shown, before any cause was known.
 
     Returns:
         The better result, and what was hit; None where nothing was, or it had been found.
     """
     hit = next((c for c in found.causes if c.effect in EFFECTS), None)
     others = tuple(c for c in found.causes if c is not hit)
-    if not others or (hit is not None and shown is not None):
+    if not others or (hit is not None and shown):
         return found, None
     if hit is None and not leaves_something(found.at, recordings, enough):
         return found, None

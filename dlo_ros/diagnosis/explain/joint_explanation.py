@@ -121,7 +121,9 @@ def explain(
     found = search(setup, prepared.meant, recordings, begun, enough, first)
     found = best_of_beginnings(found, setup, prepared.meant, recordings, begun, enough)
     hit = contact.trial if contact is not None and contact.trial[1] in found.causes else None
-    found, beside = with_contact(found, given, prepared.meant, recordings, begun, enough, hit)
+    found, beside = with_contact(
+        found, given, prepared.meant, recordings, begun, enough, shown=hit is not None
+    )
     precise = beside_exact_set_up(found, prepared.meant, recordings, begun, enough, hit)
     exact = precise is not None
     return _concluded(prepared, given, precise or found, setup, beside or contact, exact=exact)

@@ -23,6 +23,7 @@ from dlo_ros.identification.estimate import logarithms
 from dlo_ros.inference.joint import Evaluation, evaluate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.model_comparison import certain_gain, log_bayes_factor
 from dlo_ros.inference.plain_rod import instead_of_plain
 from dlo_ros.inference.scene import scene_of
 from dlo_ros.inference.thresholds import NAMED
@@ -63,16 +64,15 @@ def alternatives(at: Evaluation, recordings: Sequence[Recording]) -> tuple[Alter
     absent = [s for s in starts(scene_of(settings, recordings)) if s.effect not in settings.effects]
     found: list[tuple[float, Alternative]] = []
     begun = instead_of_plain(at.model, absent)
-    enough = NAMED + float(np.log(max(len(begun), 1)))
     for start, model in begun:
         try:
             other = fit(evaluate(model, recordings), recordings, ITERATIONS, draft=True)
         except SimulationError as err:
             LOG.info("%s: %s", start.effect, err)
             continue
-        gain = other.posterior.evidence - at.posterior.evidence
+        gain = log_bayes_factor(other, at)
         LOG.info("%s, instead of a plain DLO: %+.1f", start.effect, gain)
-        if gain < enough:
+        if gain < certain_gain(len(begun)):
             continue
         there = other.model.settings
         shift = np.nan_to_num(logarithms(there) - logarithms(settings), posinf=0.0, neginf=0.0)
