@@ -141,7 +141,7 @@ def explain_again(prepared: Prepared, given: Settings, known: Explanation) -> Ex
     Returns:
         None where the model does not come as near to these recordings as to those in which its
         causes were found, or where these explain no more than the set-up alone, which leaves
-        something. Where it leaves nothing, it is the explanation.
+        something, or may be exact. Where it leaves nothing, it is the explanation.
     """
     recordings, enough = prepared.recordings, material_err(0.0, given)
     at = fitted(for_recordings(known.at.model, recordings), recordings, far=True)
@@ -154,7 +154,7 @@ def explain_again(prepared: Prepared, given: Settings, known: Explanation) -> Ex
     LOG.info("known causes: %.3f mm, %.3f mm before", 1e3 * near, 1e3 * before)
     if near > max(OWN * before, enough):
         return None
-    if in_vain and leaves_something(at, recordings, enough):
+    if in_vain and (known.exact or leaves_something(at, recordings, enough)):
         return None
     found = Search(at, () if in_vain else known.proposals, known.trace, None)
     if not in_vain and at.mean_err > max(OWN * own_err(at, recordings), enough):
