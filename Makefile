@@ -195,5 +195,7 @@ audit: $(INSTALLED)
 	$(PYTHON) -m venv build/audit && build/audit/bin/pip install --quiet pip-audit
 	build/audit/bin/pip-audit --require-hashes --disable-pip -r requirements.lock
 
+# Compiled kernels lie among the bytecode.
 clean:
 	rm -rf build install log $(VENV)
+	find dlo_ros bench test paper -name __pycache__ -prune -exec rm -rf {} +

@@ -87,6 +87,7 @@ EFFECTS: Mapping[str, Mapping[str, Key]] = {
         "centre": Key("m", 0.0, 1e2),
         "extent": Key("m", 0.0, 1e2),
         "ratio": Key("", 1e-2, 1e3),
+        "taper": Key("", 0.0, 1.0, 0.0),
     },
     "stiffness_gradient": {"change": Key("", -1.99, 1.99)},
     "nonlinear_stiffness": {"half_curvature": Key("1/m", 1e-2, 1e6)},

@@ -231,13 +231,21 @@ def _over_vertices(u: FloatArray, value: Callable[[FloatArray], FloatArray]) -> 
     return np.asarray(total / tributary_lengths(lengths))
 
 
+def _within_segment(u: FloatArray, hidden: HiddenEffects) -> FloatArray:
+    """1 within the segment and 0 beside it; a tapered end in between is half a wave of a cosine."""
+    extent = hidden.number("stiff_segment", "extent")
+    inner = 0.5 * extent - np.abs(u - hidden.number("stiff_segment", "centre"))
+    stretch = hidden.number("stiff_segment", "taper") * extent
+    if stretch == 0.0:
+        return np.asarray(np.where(inner >= 0.0, 1.0, 0.0))
+    return np.asarray(0.5 + 0.5 * np.sin(np.pi * np.clip(inner / stretch, -0.5, 0.5)))
+
+
 def _stiffness_ratio(u: FloatArray, length: float, hidden: HiddenEffects) -> FloatArray:
     """Bending stiffness over that of the uniform rod, any shape."""
     result = 1.0 + hidden.number("stiffness_gradient", "change") * (u / length - 0.5)
     if "stiff_segment" in hidden:
-        centre = hidden.number("stiff_segment", "centre")
-        inside = np.abs(u - centre) <= 0.5 * hidden.number("stiff_segment", "extent")
-        result = result * np.where(inside, hidden.number("stiff_segment", "ratio"), 1.0)
+        result = result * hidden.number("stiff_segment", "ratio") ** _within_segment(u, hidden)
     if "connector" in hidden:
         result = result * np.where(u > length - hidden.number("connector", "extent"), PLUG, 1.0)
     return result

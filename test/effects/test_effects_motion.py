@@ -46,6 +46,8 @@ CASES = {
         "closed", {"stiff_segment": {"centre": 0.03, "extent": 0.06, "ratio": 4.0}}),
     "stiff_segment that is soft": (
         "waved", {"stiff_segment": {"centre": 0.2, "extent": 0.08, "ratio": 0.3}}),
+    "stiff_segment with tapered ends": (
+        "waved", {"stiff_segment": {"centre": 0.2, "extent": 0.08, "ratio": 0.3, "taper": 0.4}}),
     "stiffness_gradient": ("waved", {"stiffness_gradient": {"change": 1.2}}),
     "nonlinear_stiffness": ("closed", {"nonlinear_stiffness": {"half_curvature": 6.0}}),
     "plasticity": ("waved", {"plasticity": {"yield_curvature": 4.0, "hardening": 0.4}}),

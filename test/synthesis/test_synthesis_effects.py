@@ -48,6 +48,11 @@ def uniform(s):
     return np.full_like(s, B)
 
 
+def tapered(away):
+    """1 within 0.025 m, 0 beyond 0.075 m, and half a wave of a cosine in between."""
+    return 0.5 + 0.5 * np.cos(np.pi * np.clip((np.abs(away) - 0.025) / 0.05, 0.0, 1.0))
+
+
 def cantilever(**changes) -> Cantilever:
     return Cantilever(
         **({"length": LENGTH, "stiffness": uniform, "stretch": EA, "force": hanging} | changes)
@@ -72,6 +77,12 @@ STATIC = {
         hidden("stiff_segment", centre=0.12, extent=0.1, ratio=5.0),
         cantilever(
             stiffness=lambda s: B * np.where(np.abs(s - 0.12) < 0.05, 5.0, 1.0), breaks=[0.07, 0.17]
+        ),
+    ),
+    "stiff_segment with tapered ends": (
+        hidden("stiff_segment", centre=0.12, extent=0.1, ratio=5.0, taper=0.5),
+        cantilever(
+            stiffness=lambda s: B * 5.0 ** tapered(s - 0.12), breaks=[0.045, 0.095, 0.145, 0.195]
         ),
     ),
     "stiffness_gradient": (

@@ -41,6 +41,7 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
     systematic_errors,
     with_plain_values,
 )
+from dlo_ros.diagnosis.findings.resolved_extents import with_resolved_extents
 from dlo_ros.diagnosis.findings.rest_change import RestChange, rest_change
 from dlo_ros.diagnosis.findings.shape_views import views
 from dlo_ros.diagnosis.findings.soft_axis import with_soft_axis
@@ -186,8 +187,9 @@ def _final(
         SimulationError: a recording cannot be simulated with either.
     """
     found = learned.explanation.with_names()
+    recordings = with_resolved_extents(recordings, found.at.model.settings)
     at = _completed(found.at, recordings, known, learned.predicting)
-    compared = recordings
+    compared: Sequence[Recording] = recordings
     if len(at.err) == len(recordings):
         at, compared = without_own_error(at, recordings)
         if compared is not recordings:  # otherwise that fit is at its end, or was refused

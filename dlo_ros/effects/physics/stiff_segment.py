@@ -6,7 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from dlo_ros.effects.base import Body, Effect, quantity
+from dlo_ros.spline import FloatArray
+
+STEPS = 4
+"""Stretches of a tapered end, in each of which the stiffness is even."""
 
 
 @dataclass(frozen=True)
@@ -15,6 +21,8 @@ class StiffSegment(Effect):
 
     kappa = M / (ratio B) within the segment and M / B beside it [1/m], M continuous: a stepped beam
     in Timoshenko, Strength of Materials, 1955. With the ratio 1 or the extent 0 the DLO is even.
+    At either end of it the stiffness may change over a stretch of `taper` times `extent`, in whose
+    middle the end is, evenly in its logarithm.
     """
 
     name: ClassVar[str] = "stiff_segment"
@@ -27,11 +35,21 @@ class StiffSegment(Effect):
         1.0, "", 0.01, 1000.0, "stiffness there over that elsewhere", role="ratio", tolerance=0.3,
         sides=(("stiffer", "softer"),),
     )  # fmt: skip
+    taper: float = quantity(
+        0.0, "", 0.0, 1.0, "stretch over which it begins, over its length", role="extent",
+        search=(0.0, 0.5),
+    )  # fmt: skip
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""
         body.within("stiff_segment.centre", self.centre)
-        half = 0.5 * self.extent
-        share = body.coverage(self.centre - half, self.centre + half)
         # It is the compliance that adds up: the moment is continuous, the curvature jumps.
-        body.bend /= 1.0 + (1.0 / self.ratio - 1.0) * share[:, None]
+        body.bend /= 1.0 + self._compliance(body)[:, None]
+
+    def _compliance(self, body: Body) -> FloatArray:
+        """What the segment adds to the compliance, over that of the DLO, shape (nb,)."""
+        ends = 0.5 * self.extent * (1.0 + self.taper * np.linspace(1.0, -1.0, STEPS + 1))
+        within = [body.coverage(self.centre - half, self.centre + half) for half in ends]
+        shares = np.append((np.arange(STEPS) + 0.5) / STEPS, 1.0)
+        added = np.diff(self.ratio**-shares - 1.0, prepend=0.0)
+        return np.asarray(added @ np.array(within))
