@@ -196,7 +196,7 @@ def best_settled(start: Evaluation, recordings: Sequence[Recording]) -> Evaluati
     another branch. There more than noise is left, and another beginning comes nearer to the shapes.
     """
     at = settled(start, recordings)
-    if at.mean_err < MUCH_LARGER * _noise_err(at):
+    if at.mean_err < MUCH_LARGER * _noise_err(recordings):
         return at
     found = [approached(at, recordings, 2 * STEPS), *_elsewhere(start.model, recordings)]
     nearest = min(found, key=lambda e: e.mean_err)
@@ -231,9 +231,12 @@ def _elsewhere(model: ParametricModel, recordings: Sequence[Recording]) -> list[
     return [replace(best, model=best.model.with_prior(model.parameters))]
 
 
-def _noise_err(at: Evaluation) -> float:
-    """Root mean square distance [m] between shapes that differ by noise alone."""
-    return float(np.sqrt(np.mean([np.sum(v.white + v.nodal) for v in at.variances])))
+def _noise_err(recordings: Sequence[Recording]) -> float:
+    """Root mean square distance [m] between shapes that differ by noise alone.
+
+    The recordings tell it, not a fit: in a wrong minimum all that is left may pass for noise.
+    """
+    return float(np.sqrt(np.mean([np.sum(r.noise**2) for r in recordings])))
 
 
 def _gain(before: Evaluation, after: Evaluation, loss: Loss) -> float:

@@ -178,6 +178,20 @@ def test_a_fit_that_ends_in_a_wrong_minimum_begins_elsewhere(fitted, monkeypatch
     assert found.mean_err < 1.2 * at.mean_err
 
 
+def test_what_a_fit_takes_for_noise_does_not_keep_it_in_a_wrong_minimum(fitted, monkeypatch):
+    """Variances are fitted with it: 11 mm had passed for noise."""
+    at, recordings = fitted
+    wrong = joint.evaluate(moved_by(at, ANGLE, -0.3).stiffened(1e-3), recordings)
+    white = [replace(v, white=np.full_like(v.white, wrong.mean_err**2)) for v in wrong.variances]
+    ends, settled = [replace(wrong, variances=tuple(white))], joint_fit.settled
+
+    def first_wrong(start, recordings):
+        return ends.pop() if ends else settled(start, recordings)
+
+    monkeypatch.setattr(joint_fit, "settled", first_wrong)
+    assert joint_fit.best_settled(wrong, recordings).mean_err < 1.2 * at.mean_err
+
+
 @pytest.mark.parametrize("factor", [0.01, 0.1, 10.0, 100.0])
 @pytest.mark.parametrize("angle", [-0.3, 0.3])
 def test_a_fit_from_far_away_finds_the_minimum(fitted, factor, angle):

@@ -178,7 +178,8 @@ def named(
 
     What lies within its tolerance, or is no part of every set-up, is none where all that it
     explains is immaterial, or takes away less than `least` [m] of ERR: beside a cause whose true
-    law is another than the model's, a further effect mends that law a little. Where the set-up must
+    law is another than the model's, a further effect mends that law a little. That of a model which
+    leaves something counts where it bears a share of what all gain, too. Where the set-up must
     leave its tolerance to do a cause's work, or E / mu would certainly be another one, ERR does not
     tell how much that is. Correlated errors let fits drift from the shapes, by more than a cause
     may take away: what counts is how near the model can come with it and without it. What comes so
@@ -202,7 +203,7 @@ def named(
     shifts: dict[str, Mapping[str, float]] = {}
     instead: dict[str, Mapping[str, float]] = {}
     shared: list[tuple[float, Proposal]] = []
-    judge = _Judge(at, recordings, owns, least, exact, complete)
+    judge = _Judge(at, setup, recordings, owns, least, exact, complete)
     for group in (*found.causes, *beyond(at)):
         if not certain(at, group, SCALES):
             continue
@@ -253,6 +254,7 @@ class _Judge:
     """Whether what a cause explains matters; see `named`."""
 
     at: Evaluation
+    setup: Evaluation
     recordings: Sequence[Recording]
     owns: Sequence[float]
     least: float
@@ -288,7 +290,13 @@ class _Judge:
             return True
         explained = without_it < OWN * min(own, here)
         little = explained or without_it - here < self.least
-        return not little or bool(strained(bare, self.at))
+        return not little or self._bears_a_share(group, bare) or bool(strained(bare, self.at))
+
+    def _bears_a_share(self, group: Proposal, bare: Evaluation) -> bool:
+        """Whether an added effect is one of several without which much more would be left."""
+        if self.complete or group.start is None:
+            return False
+        return bears_a_share(self.at, bare, self.setup.posterior.evidence)
 
     def _errs_where_it_acts(
         self, at: Evaluation, bare: Evaluation, group: Proposal
