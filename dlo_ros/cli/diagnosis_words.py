@@ -148,17 +148,25 @@ def _quantity(effect: str, key: str) -> Quantity | None:
 
 
 def values(effect: NamedEffect, length: float) -> str:
-    """All numbers of an effect in one phrase.
+    """All numbers of an effect in one phrase, but for a form that the data hardly tell.
 
     Args:
         length: length of the DLO [m].
     """
     side = clear_side(effect)
     said = side if clause(effect.name, side) != clause(effect.name) else ""
-    numbers = effect.parameters.items()
+    numbers = [(k, n) for k, n in effect.parameters.items() if not _is_faint(effect.name, k, n)]
     texts = [_value(effect.name, key, n, length, said) for key, n in numbers]
     differing = any(n.own for _, n in numbers)
     return ", ".join([*texts, *(["depending on the recording"] if differing else [])])
+
+
+def _is_faint(effect: str, key: str, n: Number) -> bool:
+    """Whether a number tells of a form only, such as how tapered an end is, and may be neutral."""
+    q = _quantity(effect, key)
+    if q is None or q.role != "extent" or q.unit or not isinstance(n.value, float):
+        return False
+    return isinstance(n.std, float) and abs(n.value - q.neutral) < CLEAR_STDS * n.std
 
 
 def rows(effect: NamedEffect, length: float) -> list[tuple[str, str, str]]:

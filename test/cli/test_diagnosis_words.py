@@ -77,6 +77,17 @@ def test_several_values_are_told_in_one_phrase():
     assert values(moved, LENGTH) == "at the end 2.0 +- 0.4 mm to the right, 1.0 +- 0.3 mm down"
 
 
+@pytest.mark.parametrize(("std", "said"), [(0.14, ""), (0.05, ", taper 0.21 +- 0.05")])
+def test_a_form_that_the_data_hardly_tell_stands_in_the_table_alone(std, said):
+    numbers = {
+        "extent": Number(0.23, 0.01, "m"), "ratio": Number(2.4, 0.4, ""),
+        "taper": Number(0.21, std, ""),
+    }  # fmt: skip
+    segment = NamedEffect("stiff_segment", numbers, ())
+    assert values(segment, 1.5) == f"extent 230 +- 10 mm, ratio 2.4 +- 0.4{said}"
+    assert [name for name, *_ in rows(segment, 1.5)] == ["extent", "ratio", "taper"]
+
+
 def test_what_the_data_do_not_determine_is_no_number():
     """A cause may be certain where one of its numbers is not known at all."""
     soft = NamedEffect("nonlinear_stiffness", {"half_curvature": Number(100.0, 400.0, "1/m")}, ())
