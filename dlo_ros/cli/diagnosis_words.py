@@ -44,13 +44,18 @@ def clause(effect: str, side: str = "") -> str:
     return known.report_phrase(side)
 
 
+def _is_clear(value: float, std: float, q: Quantity) -> bool:
+    """Whether a number is clearly not neutral."""
+    return abs(value - q.neutral) > CLEAR_STDS * std
+
+
 def clear_side(effect: NamedEffect) -> str:
     """Word for the side of neutral on which an effect clearly is; empty: there is none."""
     for key, n in effect.parameters.items():
         q = _quantity(effect.name, key)
         if q is None or isinstance(n.value, tuple) or isinstance(n.std, tuple):
             continue
-        clear = n.std is None or abs(n.value - q.neutral) > CLEAR_STDS * n.std
+        clear = n.std is None or _is_clear(n.value, n.std, q)
         if clear and (side := q.side(n.value)):
             return side
     return ""
@@ -166,7 +171,7 @@ def _is_faint(effect: str, key: str, n: Number) -> bool:
     q = _quantity(effect, key)
     if q is None or q.role != "extent" or q.unit or not isinstance(n.value, float):
         return False
-    return isinstance(n.std, float) and abs(n.value - q.neutral) < CLEAR_STDS * n.std
+    return isinstance(n.std, float) and not _is_clear(n.value, n.std, q)
 
 
 def rows(effect: NamedEffect, length: float) -> list[tuple[str, str, str]]:
@@ -230,8 +235,7 @@ def is_sized(effect: NamedEffect, length: float) -> bool:
         stds = n.std if isinstance(n.std, tuple) else (n.std,) * len(found)
         sizes += [
             std is None or not math.isfinite(std) or (
-                is_determined(value, std, q, length)
-                and abs(value - q.neutral) > CLEAR_STDS * std
+                is_determined(value, std, q, length) and _is_clear(value, std, q)
             )
             for value, std in zip(found, stds, strict=True)
         ]  # fmt: skip

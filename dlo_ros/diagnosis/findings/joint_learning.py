@@ -24,17 +24,10 @@ from dlo_ros.diagnosis.proposals.time_steps import (
     with_steps_instead_of_plain,
 )
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.offline.drafts import drafts
+from dlo_ros.identification.offline.drafts import drafts, drafts_error
 from dlo_ros.identification.offline.initial_fit import Beginning
 from dlo_ros.identification.residual_noise import rms, whitened
-from dlo_ros.inference.joint import (
-    Evaluation,
-    Simulated,
-    borrowed,
-    evaluate,
-    rejudged,
-    simulate,
-)
+from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, rejudged, simulate
 from dlo_ros.inference.joint_fit import ITERATIONS, fit
 from dlo_ros.inference.losses import TO_REPORT
 from dlo_ros.inference.measured import Recording
@@ -146,7 +139,7 @@ def _with_reliable_drafts(prepared: Prepared, learned: Sequence[Recording]) -> P
     """
     try:
         near = simulate(prepared.setup.model, learned, ())
-        missed = _missed(prepared, near, learned)
+        missed = drafts_error(prepared.setup, prepared.recordings, near, learned)
         most = max(IMMATERIAL, LOWERS * rms(whitened(near, learned)))
         LOG.info("drafts of the set-up err by %.2f of the noise, %.2f allowed", missed, most)
         if missed < most:
@@ -157,18 +150,6 @@ def _with_reliable_drafts(prepared: Prepared, learned: Sequence[Recording]) -> P
         LOG.info("the drafts stay: %s", err)
         return prepared
     return replace(prepared, recordings=rough, setup=setup)
-
-
-def _missed(prepared: Prepared, near: Simulated, learned: Sequence[Recording]) -> float:
-    """What drafts do wrong, root mean square in units of the noise.
-
-    Args:
-        near: the fine simulation of the set-up.
-        learned: the recordings with it.
-    """
-    drafts_of = prepared.recordings
-    pairs = zip(whitened(prepared.setup, drafts_of), whitened(near, learned), strict=True)
-    return rms([draft - fine[: len(draft)] for draft, fine in pairs])
 
 
 def learn(

@@ -189,7 +189,7 @@ def _final(
     found = learned.explanation.with_names()
     recordings = with_resolved_extents(recordings, found.at.model.settings)
     at = _completed(found.at, recordings, known, learned.predicting)
-    compared: Sequence[Recording] = recordings
+    compared = recordings
     if len(at.err) == len(recordings):
         at, compared = without_own_error(at, recordings)
         if compared is not recordings:  # otherwise that fit is at its end, or was refused

@@ -22,7 +22,7 @@ RESOLVED = 4
 
 def with_resolved_extents(
     recordings: Sequence[Recording], settings: Settings
-) -> tuple[Recording, ...]:
+) -> Sequence[Recording]:
     """The recordings with enough knot spans for the effects of a model.
 
     Args:

@@ -47,7 +47,7 @@ class StiffSegment(Effect):
         body.bend /= 1.0 + self._compliance(body)[:, None]
 
     def _compliance(self, body: Body) -> FloatArray:
-        """What the segment adds to the compliance, over that of the DLO, shape (nb,)."""
+        """The compliance that the segment adds, over that of the DLO, shape (nb,)."""
         ends = 0.5 * self.extent * (1.0 + self.taper * np.linspace(1.0, -1.0, STEPS + 1))
         within = [body.coverage(self.centre - half, self.centre + half) for half in ends]
         shares = np.append((np.arange(STEPS) + 0.5) / STEPS, 1.0)

@@ -51,6 +51,21 @@ def drafts(recordings: Sequence[Recording], at: Simulated) -> tuple[Recording, .
     )
 
 
+def drafts_error(
+    at: Simulated, rough: Sequence[Recording], near: Simulated, fine: Sequence[Recording]
+) -> float:
+    """The error of drafts, root mean square in units of the noise.
+
+    Args:
+        at: a model's simulation of the drafts.
+        rough: the drafts.
+        near: the same model's fine simulation.
+        fine: the recordings of which they are drafts.
+    """
+    pairs = zip(whitened(at, rough), whitened(near, fine), strict=True)
+    return rms([draft - exact[: len(draft)] for draft, exact in pairs])
+
+
 def _draft(
     recording: Recording, left: FloatArray, fine: FloatArray, model: ParametricModel
 ) -> Recording:

@@ -20,6 +20,7 @@ from dlo_ros.identification.offline.drafts import (
     SPACE_ROUNDS,
     TIME_FACTOR,
     TIME_ROUNDS,
+    drafts_error,
     shortened,
 )
 from dlo_ros.identification.offline.without_own_error import STEP_SHORTER, refined
@@ -135,8 +136,7 @@ def finer(
         recordings = tuple(refined(r, settings) for r in recordings)
         recordings, error = _finer(recordings, simulate(near, recordings, ()))
         return _begun_anew(beginning, recordings, error, simulate(near, recordings, ()))
-    left = whitened(here, recordings)
-    most = IMMATERIAL * rms(left)
+    most = IMMATERIAL * rms(whitened(here, recordings))
     try:
         next_ = [refined(r, settings) for r in recordings]
         change = apart(here, simulate(near, next_, ()), recordings)
@@ -151,10 +151,9 @@ def finer(
         LOG.info("no finer simulation: %s", err)
     if not rough:
         return None
-    drafts_of = list(rough.values())
-    drafted = whitened(simulate(near, drafts_of, ()), drafts_of)
-    own = [a - left[k][: len(a)] for k, a in zip(rough, drafted, strict=True)]
-    return None if rms(own) < most else replace(beginning, near=here)
+    drafted, fine_ones = list(rough.values()), [beginning.recordings[k] for k in rough]
+    own = drafts_error(simulate(near, drafted, ()), drafted, here.of(list(rough)), fine_ones)
+    return None if own < most else replace(beginning, near=here)
 
 
 def _begun_anew(
