@@ -31,7 +31,7 @@ STAGES: dict[str, tuple[Part, ...]] = {
     ),
     "vision": (Part("vision", "dlo_ros.vision.compile_vision:compile_kernels", 18.0, 47),),
     "synthesis": (
-        Part("synthesis", "dlo_ros.synthesis.compile_synthesis:compile_kernels", 10.0, 17),
+        Part("synthesis", "dlo_ros.synthesis.compile_synthesis:compile_kernels", 14.0, 29),
     ),
 }
 """What a node or tool may ask for; each part of a stage is of that stage alone."""

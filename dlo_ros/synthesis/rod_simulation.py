@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -21,7 +22,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis import rod_kernels
 from dlo_ros.synthesis.discrete_rod import SLACK, DiscreteRod, no_friction, no_wind
-from dlo_ros.synthesis.rod_laws import Friction, Wind, pull_anchors, yield_to
+from dlo_ros.synthesis.rod_laws import BendingLaw, Contact, Friction, Wind, pull_anchors, yield_to
 from dlo_ros.synthesis.rod_steps import PlanarPotential, descend, minimise
 
 Change = Callable[[DiscreteRod, float], DiscreteRod]
@@ -63,6 +64,48 @@ def equal_steps(start: float, until: float, longest: float) -> list[tuple[float,
     span = until - start
     count = max(int(np.ceil(span / longest - 1e-9)), 1)
     return [(start + span * (k + 1) / count, span / count) for k in range(count)]
+
+
+class _Terms(NamedTuple):
+    """What steps need of a rod, for as long as its properties stay what they are.
+
+    Args:
+        rod: the rod.
+        elastic: of the edges and of the vertices: stiffness, and that times rest strain, both zero
+            where the law of bending stands for them, and the stiffness of the dampers of Kelvin and
+            Voigt [J].
+        rest_turn: turning angle of the vertices at rest [rad], shape (N + 1,).
+        weight: constant forces on the nodes [N], shape (N + 1, 2).
+        law: law of bending, without a history.
+        contact: contact with pegs and a wall.
+        rubs: whether the board rubs.
+        blown: whether any drag grows with the square of speed.
+    """
+
+    rod: DiscreteRod
+    elastic: tuple[tuple[FloatArray, FloatArray], ...]
+    rest_turn: FloatArray
+    weight: FloatArray
+    law: BendingLaw
+    contact: Contact
+    rubs: bool
+    blown: bool
+
+    @classmethod
+    def of(cls, rod: DiscreteRod) -> Self:
+        """The terms of a rod as it is now."""
+        stiffness = rod.stiffness()
+        dampers = (stiffness[0], rod.bending_stiffness / rod.vertex_lengths)
+        return cls(
+            rod=rod,
+            elastic=(stiffness, rod.rest_offsets(), dampers),
+            rest_turn=rod.rest_turn,
+            weight=rod.weight,
+            law=rod.bending_law(),
+            contact=rod.contact(),
+            rubs=bool(np.any(rod.friction > 0.0)),
+            blown=bool(np.any(rod.quadratic_drag > 0.0)),
+        )
 
 
 class DiscreteRodSimulation:
@@ -174,12 +217,13 @@ class DiscreteRodSimulation:
         Raises:
             SimulationError: a step did not converge.
         """
+        lasting = None if self.change else _Terms.of(self.rod)
         for time, h in equal_steps(self.time, until, self.step):
-            self._advance_one(time, h)
+            self._advance_one(time, h, lasting or _Terms.of(self.rod_at(time)))
         return self.x
 
-    def _advance_one(self, time: float, h: float) -> None:
-        rod = self.rod_at(time)
+    def _advance_one(self, time: float, h: float, terms: _Terms) -> None:
+        rod = terms.rod
         # BDF2 for a step h after a step g: dy/dt = c0 y_new - c1 y + c2 y_before.
         g = self._used_step or h
         c0 = (2.0 * h + g) / (h * (h + g))
@@ -187,9 +231,7 @@ class DiscreteRodSimulation:
         c2 = h / (g * (h + g))
         past_x = c2 * self._x_before - c1 * self.x
         past_v = c2 * self._v_before - c1 * self.v
-        # Elastic stiffness, and the dampers of Kelvin and Voigt beside it.
-        elastic, offsets = rod.stiffness(), rod.rest_offsets()
-        dampers = (elastic[0], rod.bending_stiffness / rod.vertex_lengths)
+        elastic, offsets, dampers = terms.elastic
         damped, held_back = [], []
         for k, f, d, now, before in zip(
             elastic, offsets, dampers, self._strains, self._strains_before, strict=True
@@ -198,11 +240,15 @@ class DiscreteRodSimulation:
             held_back.append(f - d * rod.relaxation_time * (c2 * before - c1 * now))
         # Creep `relaxing` times v beside the spring's angle: tau dv/dt = (turn - rest - set) - v.
         flowing = 1.0 + c0 * rod.lasting
-        behind = rod.rest_turn + rod.lasting * (c2 * self._flow_before - c1 * self._flow)
+        rest_turn = terms.rest_turn
+        behind = rest_turn + rod.lasting * (c2 * self._flow_before - c1 * self._flow)
         crept = rod.relaxing / flowing
-        law = rod.bending_law(self._law)
+        law = terms.law
         if law.active:
-            rest = rod.rest_turn + crept / (1.0 - crept) * (rod.rest_turn - behind)
+            law = law._replace(
+                plastic=self._law.plastic, drag_state=self._law.drag_state, turn=self._law.turn
+            )
+            rest = rest_turn + crept / (1.0 - crept) * (rest_turn - behind)
             law = law._replace(
                 stiffness=(1.0 - crept) * law.stiffness, rest=rest, half=law.half / (1.0 - crept)
             )
@@ -211,10 +257,10 @@ class DiscreteRodSimulation:
             damped[1], held_back[1] = damped[1] - weaker, held_back[1] - weaker * behind
         boundary = self.boundary(time)
         friction = no_friction()
-        if np.any(rod.friction > 0.0):
+        if terms.rubs:
             friction = Friction(True, rod.friction, self._anchor, SLACK)
         wind = no_wind()
-        if np.any(rod.quadratic_drag > 0.0):
+        if terms.blown:
             there = np.gradient(self.x + h * self.v, rod.u, axis=0)
             along = there / np.linalg.norm(there, axis=1, keepdims=True)
             wind = Wind(True, rod.quadratic_drag, along, past_x, c0)
@@ -225,12 +271,12 @@ class DiscreteRodSimulation:
             stiffness=(damped[0], damped[1]),
             offsets=(held_back[0], held_back[1]),
             spring=rod.mass * c0**2 + rod.drag * c0,
-            load=rod.weight
+            load=terms.weight
             - rod.mass[:, None] * (c0 * past_x + past_v)
             - rod.drag[:, None] * past_x,
             law=law,
             friction=friction,
-            contact=rod.contact(),
+            contact=terms.contact,
             wind=wind,
         )
         x = self.x + h * self.v

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_ros.spline import FloatArray
-from dlo_ros.synthesis.spatial_energy import DOF
+from dlo_ros.synthesis.spatial_rod_kernels import DOF
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ import numpy as np
 from scipy.linalg import LinAlgError, eig_banded, solveh_banded
 
 from dlo_ros.spline import FloatArray
-from dlo_ros.synthesis.spatial_energy import DOF, Frames, SpatialPotential, evaluate, moved
+from dlo_ros.synthesis.spatial_energy import Frames, SpatialPotential, evaluate, moved
+from dlo_ros.synthesis.spatial_rod_kernels import DOF
 
 MOST_ITERATIONS = 100  # of Newton's method in a step
 TRIES = 12  # of a line search

@@ -28,7 +28,6 @@ from dlo_ros.synthesis.spatial_descent import (
     way_out,
 )
 from dlo_ros.synthesis.spatial_energy import (
-    DOF,
     Drag,
     EndFrames,
     Frames,
@@ -45,6 +44,7 @@ from dlo_ros.synthesis.spatial_rod import (
     edges_of,
     laid,
 )
+from dlo_ros.synthesis.spatial_rod_kernels import DOF
 
 MOST_STEPS = 4000  # on the way to an equilibrium
 SHORTEST = 1e-9  # [s] of pseudo time, below which nothing goes downhill any more

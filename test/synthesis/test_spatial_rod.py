@@ -16,8 +16,6 @@ from dlo_ros.synthesis.discrete_rod import DiscreteRod
 from dlo_ros.synthesis.rod_laws import Contact
 from dlo_ros.synthesis.spatial_boundary import SpatialBoundary
 from dlo_ros.synthesis.spatial_energy import (
-    BANDS,
-    DOF,
     Drag,
     EndFrames,
     Frames,
@@ -26,6 +24,7 @@ from dlo_ros.synthesis.spatial_energy import (
     moved,
 )
 from dlo_ros.synthesis.spatial_rod import edges_of, first_director, in_space, spun, twist_free
+from dlo_ros.synthesis.spatial_rod_kernels import BANDS, DOF
 from dlo_ros.synthesis.spatial_simulation import SpatialSimulation
 
 ROPE = RodParameters(length=0.4, diameter=0.004, young_modulus=5e7, density=2500.0)
