@@ -77,6 +77,24 @@ def test_a_peg_stands_where_the_rope_is_caught():
     assert start.block["x"] == pytest.approx(0.5 * ROD.length, abs=0.1 * ROD.length)
 
 
+def test_a_peg_that_no_picture_shows_touched_may_stand_anywhere_on_the_way_between_two():
+    """A level rope falls fast, and its middle bounces off a peg between two pictures."""
+    u = np.linspace(0.04, 1.0, STATIONS) * ROD.length
+    drop, touched, radius = 0.03, -0.135, 0.01
+    expected = np.empty((8, STATIONS, 2))
+    expected[..., 0], expected[..., 1] = u, -drop * np.arange(8)[:, None]
+    seen = expected.copy()
+    up = 2.0 * np.maximum(touched - expected[..., 1], 0.0)
+    seen[..., 1] += up * np.exp(-(((u / ROD.length - 0.5) / 0.2) ** 2))
+    wrong = np.abs(seen - expected).max(axis=(1, 2)) > 1e-3
+    found = places(Sight(ROD, (seen,), (expected,), (wrong,)), radius)
+    top = touched - 0.5 * ROD.diameter
+    nearest = min(found, key=lambda p: np.hypot(p.peg.x - 0.5 * ROD.length, p.peg.z + radius - top))
+    assert nearest.peg.x == pytest.approx(0.5 * ROD.length, abs=0.02 * ROD.length)
+    assert nearest.peg.z + radius == pytest.approx(top, abs=drop / 6)
+    assert (nearest.left, nearest.met) == (0, np.count_nonzero(wrong))
+
+
 def test_a_peg_stands_on_the_board_and_not_where_a_camera_that_is_off_shows_it():
     seen, expected = falling()
     wrong = np.abs(seen - expected).max(axis=(1, 2)) > 1e-3

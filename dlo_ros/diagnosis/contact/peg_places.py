@@ -1,5 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Places where a peg may stand: beside observed shapes, and in the way of predicted ones."""
+"""Places where a peg may stand: beside observed shapes, and in the way of predicted ones.
+
+No picture need show a DLO that swings against a peg and bounces: it may stand anywhere in the
+predicted way between the last picture that is right and the first that is wrong.
+"""
 
 from __future__ import annotations
 
@@ -24,6 +28,8 @@ BENT = 0.5
 """Deviation of a station over the largest of its picture, beside which places are tried."""
 LARGER = 0.3
 """First step of the logarithm of a peg's radius, where it is fitted."""
+WAY = 3
+"""Steps of the way from picture to picture: it is as long as pegs are wide."""
 AFTER = 3
 """Pictures after a hit that are looked at."""
 
@@ -138,14 +144,15 @@ def places(view: Sight, radius: float) -> list[Place]:
     The pictures that a peg explains begin where the prediction meets it first.
     """
     away = radius + 0.5 * view.rod.diameter
+    ways = [_way(e) for e in view.expected]
     found = []
-    for centre in _beside(view, away):
+    for centre in (*_beside(view, away), *_between(view, ways, away)):
         peg = TouchedPeg(float(centre[0]), float(centre[1]), radius)
         if peg.is_entered(view):
             continue
         left, hit, touched = 0, 0, 0
-        for s, e, wrong in zip(view.seen, view.expected, view.wrong, strict=True):
-            met = np.flatnonzero(away - _distance(e, centre) > 0.5 * SLACK)
+        for s, way, wrong in zip(view.seen, ways, view.wrong, strict=True):
+            met = np.flatnonzero(away - _distance(way, centre) > 0.5 * SLACK)
             first = int(met[0]) if len(met) else len(wrong)
             left += int(wrong[:first].sum() + (~wrong[first : first + AFTER]).sum())
             hit += int(wrong.sum()) if len(met) else 0
@@ -156,21 +163,50 @@ def places(view: Sight, radius: float) -> list[Place]:
 
 def _distance(points: FloatArray, centre: FloatArray) -> FloatArray:
     """Distance of the nearest point of each picture, shape (F,)."""
-    return np.asarray(np.linalg.norm(points - centre, axis=2).min(axis=1))
+    distances = np.linalg.norm(points - centre, axis=-1)
+    return np.asarray(distances.min(axis=tuple(range(1, distances.ndim))))
+
+
+def _way(shapes: FloatArray) -> FloatArray:
+    """Points on the way to each picture from the one before, shape (F, WAY, STATIONS, 2)."""
+    before = np.concatenate([shapes[:1], shapes[:-1]])
+    shares = np.arange(1, WAY + 1)[:, None, None] / WAY
+    return np.asarray(before[:, None] + shares * (shapes - before)[:, None])
+
+
+def _across(shapes: FloatArray) -> FloatArray:
+    """Unit normals of shapes, shape (..., STATIONS, 2)."""
+    along = np.gradient(shapes, axis=-2)
+    along /= np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-12)
+    return np.stack([-along[..., 1], along[..., 0]], axis=-1)
 
 
 def _beside(view: Sight, away: float) -> Iterator[FloatArray]:
     """Points beside the observed shapes of outlier frames, on the side of the prediction."""
     for s, e, wrong in zip(view.seen, view.expected, view.wrong, strict=True):
-        along = np.gradient(s, axis=1)
-        along /= np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-12)
-        across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+        across = _across(s)
         miss = np.sum((e - s) * across, axis=2)
         most = np.abs(miss).max(axis=1, keepdims=True)
         frames, stations = np.nonzero((np.abs(miss) > BENT * most) & wrong[:, None])
         every = max(1, -(-len(frames) // TRIED))
         for f, q in zip(frames[::every], stations[::every], strict=True):
             yield s[f, q] + np.sign(miss[f, q]) * away * across[f, q]
+
+
+def _between(view: Sight, ways: Sequence[FloatArray], away: float) -> Iterator[FloatArray]:
+    """Points in the way that the prediction takes to the first outlier frame of each recording.
+
+    Args:
+        ways: the predicted ways, see `_way`.
+    """
+    for e, way, wrong in zip(view.expected, ways, view.wrong, strict=True):
+        first = int(np.argmax(wrong))
+        if first == 0:
+            continue
+        across = _across(way[first])
+        side = np.sign(np.sum((e[first] - e[first - 1]) * across, axis=-1))
+        centres = (way[first] + away * side[..., None] * across).reshape(-1, 2)
+        yield from centres[:: max(1, -(-len(centres) // TRIED))]
 
 
 def apart(found: Sequence[TouchedPeg], distance: float, most: int) -> list[TouchedPeg]:
