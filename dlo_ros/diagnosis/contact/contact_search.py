@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.optimize import minimize
 
-from dlo_ros.diagnosis.contact.peg_places import Sight, TouchedPeg, apart, places, sight
+from dlo_ros.diagnosis.contact.peg_places import Place, Sight, TouchedPeg, apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import (
     Undisturbed,
     outlier_frames,
@@ -49,6 +49,8 @@ RADII = (0.012, 0.006, 0.024)
 """Radii of the pegs that are tried, from a nail to a pipe [m]; the fit finds the true one."""
 SIMULATED, DISTANCE = 20, 0.02
 """Number of places that are simulated, and their smallest distance over the length."""
+GROUPS = 2
+"""Sets of recordings that a peg may explain, of which places are simulated."""
 FITTED = 3
 """Number of pegs, and of walls, that are fitted."""
 STEP = 0.01
@@ -181,7 +183,8 @@ def _contacts(drafts: Sequence[Recording], given: Settings, before: Undisturbed)
 
 def _best_pegs(hit: _Disturbed) -> list[tuple[float, TouchedPeg]]:
     """The pegs that leave least, apart from each other."""
-    some = apart(_likely(hit.view), DISTANCE * hit.given.rod.length, SIMULATED)
+    distance = DISTANCE * hit.given.rod.length
+    some = [p for group in _likely(hit.view)[:GROUPS] for p in apart(group, distance, SIMULATED)]
     return sorted(hit.losses(some), key=lambda t: t[0])[:FITTED]
 
 
@@ -196,20 +199,25 @@ def _best_walls(hit: _Disturbed) -> list[tuple[float, TouchedWall]]:
 def plausible_pegs(view: Sight) -> list[Start]:
     """The likeliest pegs by geometry alone, without a simulation."""
     length = view.rod.length
-    best = apart(_likely(view), DISTANCE * length, BEGUN)
+    best = apart([p for group in _likely(view) for p in group], DISTANCE * length, BEGUN)
     return [replace(p.start(view.rod.diameter), form=f"peg {k}") for k, p in enumerate(best, 1)]
 
 
-def _likely(view: Sight) -> list[TouchedPeg]:
-    """The pegs that explain most of the outlier frames, if they explain enough where they stand.
+def _likely(view: Sight) -> list[list[TouchedPeg]]:
+    """The pegs that explain most of the outlier frames where they stand in the way.
 
-    In a recording in which the DLO does not come near them something else is wrong.
+    In a recording in which the DLO does not come near them something else is wrong. So there is a
+    group for each set of recordings that a peg may explain, the one that explains most first.
     """
     found = [p for radius in RADII for p in places(view, radius)]
-    found.sort(key=lambda p: (p.left, -p.touched))
-    if not found:
-        return []
-    best = found[0]
-    if best.left - (view.count - best.met) > UNEXPLAINED_PICTURES * best.met:
-        return []
-    return [p.peg for p in found if p.left <= best.left + SMALL_SHARE * view.count]
+    groups: dict[int, list[Place]] = {}
+    for place in sorted(found, key=lambda p: (p.left, -p.touched)):
+        groups.setdefault(place.met, []).append(place)
+    result = []
+    for group in groups.values():
+        best = group[0]
+        others = view.count - best.met
+        if best.met and best.left - others <= UNEXPLAINED_PICTURES * best.met:
+            most = best.left + SMALL_SHARE * view.count
+            result.append([p.peg for p in group if p.left <= most])
+    return result
