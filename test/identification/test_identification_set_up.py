@@ -157,6 +157,13 @@ def test_what_is_open_stays_open():
     assert ratio @ widened(told, 0.1 * ratio) @ ratio == pytest.approx(1.0 / (1e-4 + 1e-2))
 
 
+def test_a_density_that_is_open_stays_so_where_recordings_disagree_on_the_drag(guess):
+    recordings = [swing(PAPER, seconds=0.8, seed=k) for k in range(3)]
+    information = identify(recordings, guess).fitted.information
+    alike = np.array([1.0, 1.0, 1.0, 0.0])  # E, mu and drag together leave every shape as it is
+    assert alike @ information @ alike < 1e-8 * information[0, 0]
+
+
 def test_a_mixture_with_nothing_tells_what_the_likelier_one_does():
     """A scale that is hardly known, and in no exact direction: 2.4 % became of 0.35."""
     ratio, scale = np.array([1.0, -1.0 + 1e-4]), np.array([1.0, 1.0])

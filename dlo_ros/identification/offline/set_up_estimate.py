@@ -45,6 +45,9 @@ RIDGE = 1e-9
 """Information, in units of the likelier model's, that keeps what the other leaves open finite."""
 EXACT = 1e12
 """Inverse variance of a number that is held."""
+PER_DENSITY = np.array([[1, -1, 0, 0], [0, 1, 0, 0], [0, -1, 1, 0], [0, 0, 0, 1]])
+"""Logarithms of E / mu, mu, c / mu and t_r from those of E, mu, c and t_r: shapes determine all of
+these but mu."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +196,10 @@ def marginal_information(at: Evaluation) -> FloatArray:
     wide = widened_covariance(at.spectra, at.variances, offset, held)
     factor = at.model.of_material(np.sqrt(np.diag(wide) / np.diag(alike)), 1.0)
     factor[MATERIAL.index("density")] = factor[MATERIAL.index("young_modulus")]
-    return np.asarray(information / np.outer(factor, factor))
+    # A density that is open stays so: what shapes say of the others is said of them over it.
+    back = np.linalg.inv(PER_DENSITY)
+    known = back.T @ information @ back / np.outer(factor, factor)
+    return np.asarray(PER_DENSITY.T @ known @ PER_DENSITY)
 
 
 def mixed(
