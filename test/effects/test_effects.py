@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cantilevers import LINE, ROD, SPANS, STRETCH, B, U, apart, cantilever, elastica, own_weight
 from elastica import Cantilever, hinged
 from rods import PAPER, SECOND, command, dense_stiffness, held_start, settled, straight
 from scipy.integrate import solve_bvp
@@ -16,46 +17,6 @@ from dlo_ros.rod.statics import settle
 from dlo_ros.spline import SplineBasis
 
 WEIGHTLESS = replace(PAPER, gravity=(0.0, 0.0, 0.0))
-ROD = PAPER.rod
-B, LINE = ROD.bending_stiffness, ROD.linear_density
-STRETCH = ROD.young_modulus * ROD.area
-SPANS = 28
-
-
-def cantilever(settings, spans=SPANS, **effect):
-    """The shape of a rod clamped along x, as a function of u: points (m, 2)."""
-    settings = settings.with_effects(effect)
-    model, _, found = settled(settings, held_start(), spans)
-    assert found.stable
-    return lambda u: model.basis.evaluate(found.state.q, u)[:, [0, 2]], found.state
-
-
-def elastica(law, force, start=0.0, length=ROD.length, breaks=()):
-    """The same as a boundary value problem.
-
-    Args:
-        law: curvature as a function of u and moment.
-        force: internal force (x, z) at u, of all loads beyond u.
-        start: direction at the clamp, positive from x towards -z [rad].
-        breaks: places along the rope where force or law jump.
-    """
-    problem = Cantilever(
-        length, lambda u: u, STRETCH, force, curvature=lambda moment, u: law(u, moment),
-        direction=start, breaks=breaks,
-    )  # fmt: skip
-    return problem.solve
-
-
-def own_weight(u, line=LINE):
-    return np.zeros_like(u), -line * 9.81 * (ROD.length - u)
-
-
-U = np.linspace(0.0, ROD.length, 41)
-
-
-def apart(one, other):
-    """Largest distance over L."""
-    return np.abs(one(U) - other(U)).max() / ROD.length
 
 
 def linear(_, moment):
