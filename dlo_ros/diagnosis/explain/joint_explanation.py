@@ -37,6 +37,7 @@ from dlo_ros.diagnosis.explain.own_moments import for_recordings
 from dlo_ros.diagnosis.explain.peg_instead import with_peg_or_wall
 from dlo_ros.diagnosis.explain.peg_size import best_sized
 from dlo_ros.diagnosis.explain.second_beginning import best_of_beginnings
+from dlo_ros.diagnosis.explain.segment_place import with_segment_elsewhere
 from dlo_ros.diagnosis.explain.turned_walls import with_turned_wall
 from dlo_ros.effects import Scene, Start, effects, starts
 from dlo_ros.effects.base import ROD
@@ -170,6 +171,7 @@ def _concluded(
 ) -> Explanation:  # fmt: skip
     """The explanation that a search has found, without needless causes; these are named later."""
     recordings, begun = prepared.recordings, starts(prepared.scene)
+    found = with_segment_elsewhere(found, recordings, begun)
     found = with_turned_wall(found, recordings)
     found, contact = with_peg_or_wall(found, contact, recordings)
     found = replace(found, at=best_sized(found.at, recordings))
