@@ -241,8 +241,8 @@ class DiscreteRod:
             hardening=hardening,
         )  # fmt: skip
 
-    def bending_law(self, history: BendingLaw | None = None) -> BendingLaw:
-        """Moment against turning angle; with the history of another time where one is given."""
+    def bending_law(self) -> BendingLaw:
+        """Moment against turning angle, without a history."""
         v = self.vertex_lengths
         none = np.zeros(0)
         if self.linear:
@@ -258,13 +258,13 @@ class DiscreteRod:
             half=np.where(hinged, np.inf, self.half_curvature * v),
             limit=np.where(hinged, np.inf, k * yields * v),
             hardening=k * share / (1.0 - share),
-            plastic=np.zeros_like(v) if history is None else history.plastic,
+            plastic=np.zeros_like(v),
             drag=np.where(
                 hinged, 0.0, self.hysteresis * self.bending_stiffness + self.friction_moment
             ),
             width=self.hysteresis_width * v,
-            drag_state=np.zeros_like(v) if history is None else history.drag_state,
-            turn=np.zeros_like(v) if history is None else history.turn,
+            drag_state=np.zeros_like(v),
+            turn=np.zeros_like(v),
         )
 
     def contact(self) -> Contact:

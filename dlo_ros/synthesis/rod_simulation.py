@@ -217,9 +217,9 @@ class DiscreteRodSimulation:
         Raises:
             SimulationError: a step did not converge.
         """
-        lasting = None if self.change else _Terms.of(self.rod)
+        constant = None if self.change else _Terms.of(self.rod)
         for time, h in equal_steps(self.time, until, self.step):
-            self._advance_one(time, h, lasting or _Terms.of(self.rod_at(time)))
+            self._advance_one(time, h, constant or _Terms.of(self.rod_at(time)))
         return self.x
 
     def _advance_one(self, time: float, h: float, terms: _Terms) -> None:
@@ -245,13 +245,13 @@ class DiscreteRodSimulation:
         crept = rod.relaxing / flowing
         law = terms.law
         if law.active:
+            then = self._law
             law = law._replace(
-                plastic=self._law.plastic, drag_state=self._law.drag_state, turn=self._law.turn
-            )
-            rest = rest_turn + crept / (1.0 - crept) * (rest_turn - behind)
-            law = law._replace(
-                stiffness=(1.0 - crept) * law.stiffness, rest=rest, half=law.half / (1.0 - crept)
-            )
+                stiffness=(1.0 - crept) * law.stiffness,
+                rest=rest_turn + crept / (1.0 - crept) * (rest_turn - behind),
+                half=law.half / (1.0 - crept),
+                plastic=then.plastic, drag_state=then.drag_state, turn=then.turn,
+            )  # fmt: skip
         elif rod.relaxing:
             weaker = dampers[1] * crept
             damped[1], held_back[1] = damped[1] - weaker, held_back[1] - weaker * behind
