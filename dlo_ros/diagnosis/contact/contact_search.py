@@ -207,7 +207,8 @@ def _likely(view: Sight) -> list[list[TouchedPeg]]:
     """The pegs that explain most of the outlier frames where they stand in the way.
 
     In a recording in which the DLO does not come near them something else is wrong. So there is a
-    group for each set of recordings that a peg may explain, the one that explains most first.
+    group for each set of recordings that a peg may explain, which are told apart by the number of
+    their outlier frames; the one that explains most comes first.
     """
     found = [p for radius in RADII for p in places(view, radius)]
     groups: dict[int, list[Place]] = {}
