@@ -26,7 +26,6 @@ from dlo_ros.effects import Start
 from dlo_ros.effects.physics.stiff_segment import StiffSegment
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.model_comparison import log_bayes_factor
 from dlo_ros.inference.parameter import ParametricModel, value_of
 from dlo_ros.inference.thresholds import CLEARLY_LESS
 
@@ -41,7 +40,7 @@ def with_segment_elsewhere(
     """A search's result with its segment at another place, where one explains more.
 
     That is tried beside all other causes, if derivatives without a segment promise about as much of
-    it as the present one explains.
+    it as of one where the present one lies.
 
     Args:
         begun: effects that might be added, at their starting values.
@@ -51,22 +50,18 @@ def with_segment_elsewhere(
     if segment is None or bare is None:
         return found
     offer = offered(bare, recordings, [s for s in begun if s.effect == segment.effect])
-    least = CLEARLY_LESS * log_bayes_factor(found.at, bare)
-    likely = [
-        p
-        for p in ranked_proposals(bare, offer)
-        if p.proposal.effect == segment.effect and p.gain >= least and _apart(p, found.at.model)
-    ]
-    if not likely:
+    ranked = [p for p in ranked_proposals(bare, offer) if p.proposal.effect == segment.effect]
+    here = max((p.gain for p in ranked if not _apart(p, found.at.model)), default=0.0)
+    there = next((p for p in ranked if _apart(p, found.at.model)), None)
+    if there is None or there.gain < CLEARLY_LESS * here:
         return found
-    proposal = likely[0].proposal
-    at = fitted(likely[0].model, recordings, FIRST_ITERATIONS, far=True, draft=True)
-    trials = [] if at is None else [(fit(at, recordings, FIT_ITERATIONS), proposal)]
+    at = fitted(there.model, recordings, FIRST_ITERATIONS, far=True, draft=True)
+    trials = [] if at is None else [(fit(at, recordings, FIT_ITERATIONS), there.proposal)]
     better = best_gain(trials, found.at, recordings)
     if better is None:
         return found
-    LOG.info("%s, instead of %s", proposal.label, segment.label)
-    causes = tuple(proposal if c is segment else c for c in found.causes)
+    LOG.info("%s, instead of %s", there.proposal.label, segment.label)
+    causes = tuple(there.proposal if c is segment else c for c in found.causes)
     return replace(found, at=better[0], causes=causes)
 
 
