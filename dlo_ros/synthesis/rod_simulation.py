@@ -67,7 +67,7 @@ def equal_steps(start: float, until: float, longest: float) -> list[tuple[float,
 
 
 class _Terms(NamedTuple):
-    """What steps need of a rod, for as long as its properties stay what they are.
+    """Terms of a step that are the same for as long as the rod's properties are.
 
     Args:
         rod: the rod.

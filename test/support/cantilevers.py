@@ -21,7 +21,7 @@ def cantilever(settings, spans=SPANS, **effect):
 
 
 def elastica(law, force, start=0.0, length=ROD.length, breaks=()):
-    """The same as a boundary value problem.
+    """The shape of such a rod as the solution of a boundary value problem.
 
     Args:
         law: curvature as a function of u and moment.
