@@ -114,6 +114,22 @@ def test_a_size_is_known_no_better_than_pegs_differ_that_explain_as_much(monkeyp
     assert peg_factors(at, [None, None]) == {}  # not a fit to these recordings
 
 
+def test_the_largest_peg_is_known_no_better_than_smaller_ones_tell(monkeypatch):
+    """One as large as any that is looked for, beside which a larger one would be itself."""
+    at = hit()
+    at.model = resized(at, 50.0)
+    largest = 0.3 * PAPER.rod.length
+    losses = {0.25: 90.0, 0.5: 8.0}
+
+    def fitted(_, model, __):
+        return SimpleNamespace(loss=losses[round(radius(model) / largest, 6)])
+
+    monkeypatch.setattr(profile_loss, "fitted_beside", fitted)
+    monkeypatch.setattr(profile_loss, "misfit", lambda e, _: getattr(e, "loss", 0.0))
+    monkeypatch.setattr(profile_loss, "evidence_std", lambda *_: 0.0)
+    assert peg_factors(at, [None])[RADIUS] * 0.01 == pytest.approx(np.log(2.0) / 4.0)
+
+
 def test_only_a_peg_that_is_named_is_resized(monkeypatch):
     at = hit()
     monkeypatch.setattr(confirmed_uncertainty, "factor_along", lambda *_: 1.5)

@@ -64,11 +64,15 @@ def peg_factors(at: Evaluation, recordings: Sequence[Recording]) -> dict[str, fl
     """
     if not set(PEG) <= set(at.model.names) or len(at.err) != len(recordings):
         return {}
-    models = {size: resized(at, size) for scale in SCALES for size in (1.0 / scale, scale)}
+    tried = {size: resized(at, size) for scale in SCALES for size in (1.0 / scale, scale)}
+    # A peg as large as one is looked for has no larger one beside it, which would do as well.
+    k = at.model.index(RADIUS)
+    models = {s: m for s, m in tried.items() if not np.isclose(m.theta()[k], at.model.theta()[k])}
     refits = {size: refitted_loss(at, model, recordings) for size, model in models.items()}
     least = min(0.0, *(r.loss for r in refits.values()))  # beside an impact none may be the best
     for scale in SCALES:
-        size = min((1.0 / scale, scale), key=lambda size: refits[size].loss)
+        sizes = models.keys() & {1.0 / scale, scale}
+        size = min(sizes, key=lambda size: refits[size].loss)
         if refits[size].does_as_well(least):
             break
     moves = np.abs(models[size].theta() - at.model.theta())
