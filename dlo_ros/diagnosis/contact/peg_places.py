@@ -163,8 +163,9 @@ def places(view: Sight, radius: float) -> list[Place]:
 
 def _distance(points: FloatArray, centre: FloatArray) -> FloatArray:
     """Distance of the nearest point of each picture, shape (F,)."""
-    distances = np.linalg.norm(points - centre, axis=-1)
-    return np.asarray(distances.min(axis=tuple(range(1, distances.ndim))))
+    x, z = points[..., 0] - centre[0], points[..., 1] - centre[1]
+    squares = x * x + z * z
+    return np.asarray(np.sqrt(squares.min(axis=tuple(range(1, squares.ndim)))))
 
 
 def _way(shapes: FloatArray) -> FloatArray:
@@ -187,10 +188,8 @@ def _beside(view: Sight, away: float) -> Iterator[FloatArray]:
         across = _across(s)
         miss = np.sum((e - s) * across, axis=2)
         most = np.abs(miss).max(axis=1, keepdims=True)
-        frames, stations = np.nonzero((np.abs(miss) > BENT * most) & wrong[:, None])
-        every = max(1, -(-len(frames) // TRIED))
-        for f, q in zip(frames[::every], stations[::every], strict=True):
-            yield s[f, q] + np.sign(miss[f, q]) * away * across[f, q]
+        there = (np.abs(miss) > BENT * most) & wrong[:, None]
+        yield from _some(s[there] + (np.sign(miss[there]) * away)[:, None] * across[there])
 
 
 def _between(view: Sight, ways: Sequence[FloatArray], away: float) -> Iterator[FloatArray]:
@@ -205,8 +204,12 @@ def _between(view: Sight, ways: Sequence[FloatArray], away: float) -> Iterator[F
             continue
         across = _across(way[first])
         side = np.sign(np.sum((e[first] - e[first - 1]) * across, axis=-1))
-        centres = (way[first] + away * side[..., None] * across).reshape(-1, 2)
-        yield from centres[:: max(1, -(-len(centres) // TRIED))]
+        yield from _some((way[first] + away * side[..., None] * across).reshape(-1, 2))
+
+
+def _some(centres: FloatArray) -> FloatArray:
+    """Every so many of some points, shape (K, 2), so that at most `TRIED` are left."""
+    return centres[:: max(1, -(-len(centres) // TRIED))]
 
 
 def apart(found: Sequence[TouchedPeg], distance: float, most: int) -> list[TouchedPeg]:
