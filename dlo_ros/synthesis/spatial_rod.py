@@ -121,12 +121,6 @@ def edges_of(x: FloatArray) -> tuple[FloatArray, FloatArray]:
     return edge / size[:, None], size
 
 
-def transported(director: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
-    """Directors turned the short way from unit tangents `before` to `after`, each (n, 3)."""
-    ratio = dot(director, after) / (1.0 + dot(before, after))
-    return cleaned(director - ratio[:, None] * (before + after), after)
-
-
 def cleaned(director: FloatArray, tangent: FloatArray) -> FloatArray:
     """Directors made unit and normal to unit tangents, each (n, 3)."""
     director = director - dot(director, tangent)[:, None] * tangent
@@ -134,8 +128,10 @@ def cleaned(director: FloatArray, tangent: FloatArray) -> FloatArray:
 
 
 def carried(director: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
-    """`transported` for a single director, shape (3,)."""
-    return np.asarray(transported(director[None], before[None], after[None])[0])
+    """A director turned the short way from unit tangent `before` to `after`, each (3,)."""
+    ratio = director @ after / (1.0 + before @ after)
+    turned = director - ratio * (before + after)
+    return np.asarray(cleaned(turned[None], after[None])[0])
 
 
 def first_director(tangent: FloatArray) -> FloatArray:
@@ -174,12 +170,6 @@ def laid(
     start = tangents[0] if start is None else start
     own = first_director(start) if first is None else first[:, 1]
     return twist_free(tangents, carried(own, start, tangents[0]))
-
-
-def spun(director: FloatArray, tangent: FloatArray, angle: FloatArray) -> FloatArray:
-    """Directors (n, 3) turned about unit tangents by angles [rad], shape (n,)."""
-    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    return np.asarray(c * director + s * cross(tangent, director))
 
 
 def angle_between(first: FloatArray, second: FloatArray, tangent: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ from dlo_ros.synthesis.spatial_energy import (
     evaluate,
     moved,
 )
-from dlo_ros.synthesis.spatial_rod import edges_of, first_director, in_space, spun, twist_free
+from dlo_ros.synthesis.spatial_rod import edges_of, first_director, in_space, twist_free
 from dlo_ros.synthesis.spatial_rod_kernels import BANDS, DOF
 from dlo_ros.synthesis.spatial_simulation import SpatialSimulation
 
@@ -44,6 +44,11 @@ def straight(rod):
 
 def clamped(_):
     return SpatialBoundary({0: np.zeros(3)}, (X, None))
+
+
+def spun(director, tangent, angle):
+    """Directors (n, 3) turned about unit tangents by angles [rad], shape (n,)."""
+    return Rotation.from_rotvec(angle[:, None] * tangent).apply(director)
 
 
 def random_shape(edges, rng):
