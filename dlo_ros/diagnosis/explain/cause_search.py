@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,6 +72,16 @@ class Search:
     second: Trial | None = None
     of_two: float = np.inf
     passed: tuple[Evaluation, ...] = ()
+
+    def cause_of(self, effect: str) -> Proposal | None:
+        """The cause that is an effect of a name."""
+        return next((c for c in self.causes if c.effect == effect), None)
+
+    def exchanged(self, cause: Proposal, trial: Trial) -> Search:
+        """The result with a trial in the place of a cause."""
+        at, proposal = trial
+        causes = tuple(proposal if c is cause else c for c in self.causes)
+        return replace(self, at=at, causes=causes)
 
 
 def search(

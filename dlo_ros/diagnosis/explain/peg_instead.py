@@ -43,23 +43,21 @@ def with_peg_or_wall(
     Returns:
         The result, and what was hit with its rivals.
     """
-    wall = next((c for c in found.causes if c.effect == StraightWall.name), None)
+    wall = found.cause_of(StraightWall.name)
     known = contact.rivals if contact is not None else {}
     peg = peg_instead(found.at, wall, recordings) if wall and Obstacle.name not in known else None
     if wall is None or peg is None:
         return found, contact
-    at, proposal = peg
-    round_, flat = (nearest_err(e, recordings) for e in (at, found.at))
+    round_, flat = (nearest_err(e, recordings) for e in (peg[0], found.at))
     if round_ < (1.0 - LOWERS) * flat:  # the peg's fit has just gone on, and the wall's has not
         found = replace(found, at=fit(found.at, recordings, FIT_ITERATIONS))
         flat = nearest_err(found.at, recordings)
     LOG.info("a peg instead of the wall: %.3f mm, %.3f mm with it", 1e3 * round_, 1e3 * flat)
-    nearer = round_ < (1.0 - LOWERS) * flat and not tells_apart(found.at, at)
+    nearer = round_ < (1.0 - LOWERS) * flat and not tells_apart(found.at, peg[0])
     as_near = (1.0 - LOWERS) * round_ <= flat
     if nearer or (as_near and gains(peg, found.at)):
-        causes = tuple(proposal if c is wall else c for c in found.causes)
         hit = Contact.of(peg, (found.at, wall), as_near=not nearer)
-        return replace(found, at=at, causes=causes), hit
+        return found.exchanged(wall, peg), hit
     hit = Contact.of((found.at, wall), peg, as_near=as_near)
     return found, replace(hit, rivals={**known, **hit.rivals})
 

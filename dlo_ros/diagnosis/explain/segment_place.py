@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
 
 from dlo_ros.diagnosis.explain.candidate_trials import (
     FIRST_ITERATIONS,
@@ -45,7 +44,7 @@ def with_segment_elsewhere(
     Args:
         begun: effects that might be added, at their starting values.
     """
-    segment = next((c for c in found.causes if c.effect == StiffSegment.name), None)
+    segment = found.cause_of(StiffSegment.name)
     bare = without(found.at, segment, recordings) if segment else None
     if segment is None or bare is None:
         return found
@@ -61,8 +60,7 @@ def with_segment_elsewhere(
     if better is None:
         return found
     LOG.info("%s, instead of %s", there.proposal.label, segment.label)
-    causes = tuple(there.proposal if c is segment else c for c in found.causes)
-    return replace(found, at=better[0], causes=causes)
+    return found.exchanged(segment, better)
 
 
 def _apart(predicted: PredictedGain, model: ParametricModel) -> bool:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
 
 from dlo_ros.diagnosis.contact.wall_places import TouchedWall, normal
 from dlo_ros.diagnosis.explain.candidate_trials import FIT_ITERATIONS, Trial, gains
@@ -37,7 +36,7 @@ MOST_TURNS = 4
 
 def with_turned_wall(found: Search, recordings: Sequence[Recording]) -> Search:
     """A search's result with its wall in the direction that explains most, beside all it found."""
-    wall = next((c for c in found.causes if c.effect == StraightWall.name), None)
+    wall = found.cause_of(StraightWall.name)
     if wall is None:
         return found
     best = found.at, wall
@@ -55,8 +54,7 @@ def with_turned_wall(found: Search, recordings: Sequence[Recording]) -> Search:
     at = fit(at, recordings, FIT_ITERATIONS)
     gained = log_bayes_factor(at, found.at)
     LOG.info("the wall is turned by %+.2f rad: %+.1f", _angle(at) - _angle(found.at), gained)
-    causes = tuple(proposal if c is wall else c for c in found.causes)
-    return replace(found, at=at, causes=causes)
+    return found.exchanged(wall, (at, proposal))
 
 
 def touched(at: Evaluation) -> FloatArray:
