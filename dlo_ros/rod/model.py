@@ -13,6 +13,7 @@ from dlo_ros.effects import Body, Effect, build
 from dlo_ros.rod.discretisation import Discretisation, discretisation, lower_band
 from dlo_ros.rod.elements.rod_tables import (
     DOF,
+    NO_SPRINGS,
     ConstitutiveLaw,
     Quadrature,
     Stiffness,
@@ -178,7 +179,7 @@ class RodModel:
         return Surroundings(
             (body.friction or 0.0) * body.lengthening, PRESLIDING_DISPLACEMENT * length, pegs,
             push / (width * CONTACT_PENETRATION * length), span, b, np.full(len(span), width),
-            walls, (body.quadratic_drag or 0.0) * body.lengthening, np.zeros((0, 3)),
+            walls, (body.quadratic_drag or 0.0) * body.lengthening, NO_SPRINGS,
         )  # fmt: skip
 
     @cached_property

@@ -15,6 +15,7 @@ from dlo_ros.errors import CommandError, SimulationError
 from dlo_ros.rod.boundary.imposed_motion import NO_DIRECTION_TEXT, Boundary, Held
 from dlo_ros.rod.compiled_rod import compiled
 from dlo_ros.rod.elements.rod_tables import (
+    NO_SPRINGS,
     ConstitutiveLaw,
     InternalVariables,
     Material,
@@ -33,7 +34,7 @@ TOLERANCE = 1e-9
 LINEAR = ConstitutiveLaw(0.0, np.zeros(0), np.zeros(0), 0.0, 0.0, 1.0, 0.0, np.zeros(0))
 FREE = Surroundings(
     0.0, 1.0, np.zeros((0, 3)), 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0),
-    np.zeros((0, 3)), 0.0, np.zeros((0, 3)),
+    np.zeros((0, 3)), 0.0, NO_SPRINGS,
 )  # fmt: skip
 NO_INTERNAL_VARIABLES = InternalVariables(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 6)))
 

@@ -54,6 +54,25 @@ def test_a_draft_has_the_longest_steps_that_are_reliable(beginning, monkeypatch)
         assert rms([there[0] - here[0]]) > 0.3
 
 
+def test_drafts_may_do_wrong_what_they_do_wrong_with_a_model_beside(beginning, monkeypatch):
+    """They are coarser then, and right to the noise between both models and a little farther on."""
+    monkeypatch.setattr("dlo_ros.identification.offline.drafts.IMMATERIAL", 0.0)
+    monkeypatch.setattr("dlo_ros.identification.offline.drafts.DRAFT_SPANS", 1)
+    fine = [replace(r, spans=56, tolerance=1e-5) for r in beginning.recordings]
+    at = simulate(beginning.at.model, fine, ())
+    beside = simulate(at.model.stiffened(1.1), fine, ())
+    right, rough = drafts(fine, at), drafts(fine, at, beside)
+    for draft, exact in zip(rough, right, strict=True):
+        assert draft.spans < exact.spans or draft.tolerance > exact.tolerance
+    for factor in (1.0, 1.05, 1.2):
+        model = at.model.stiffened(factor)
+        there = whitened(simulate(model, fine, ()), fine)
+        here = whitened(simulate(model, rough, ()), rough)
+        changed = rms([x - y for x, y in zip(there, whitened(at, fine), strict=True)])
+        off = rms([x - y[: len(x)] for x, y in zip(here, there, strict=True)])
+        assert off < 0.05 * changed + 1e-6
+
+
 def test_a_recording_of_unknown_fineness_has_drafts(beginning, monkeypatch):
     monkeypatch.setattr("dlo_ros.identification.offline.drafts.IMMATERIAL", 50.0)
     open_ = [replace(r, spans=None) for r in beginning.recordings]

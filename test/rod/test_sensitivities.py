@@ -278,7 +278,7 @@ def test_grips_and_body_moved_together_move_the_dlo(body, place, axis, space):
     assert np.abs(derivatives[-1, 0]).max() > 0.05
     together = np.tile([axis == a for a in "xyz"], (derivatives.shape[2], 1))
     for at in derivatives:
-        np.testing.assert_allclose(at.sum(axis=0), together, atol=1e-2 if space else 1e-3)
+        np.testing.assert_allclose(at.sum(axis=0), together, atol=3e-2 if space else 1e-3)
 
 
 def check(settings, imposed, name, slack, space, first=None, wide=30.0):

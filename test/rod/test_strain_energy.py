@@ -11,6 +11,7 @@ from dlo_ros.rod.elements import planar_assembly
 from dlo_ros.rod.elements.constitutive_law import respond, room
 from dlo_ros.rod.elements.rod_tables import (
     BAND,
+    NO_SPRINGS,
     ConstitutiveLaw,
     InternalVariables,
     Material,
@@ -64,7 +65,7 @@ def material(stiff, law):
     nothing = np.zeros((0, 3))
     around = Surroundings(
         0.0, 1.0, nothing, 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0), nothing, 0.0,
-        nothing,
+        NO_SPRINGS,
     )  # fmt: skip
     return Material(stiff, 1.0, stiff.bend_rest, law, around, internal, 0.0, 0.0)
 

@@ -27,7 +27,14 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.offline.drafts import drafts, drafts_error
 from dlo_ros.identification.offline.initial_fit import Beginning
 from dlo_ros.identification.residual_noise import rms, whitened
-from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, rejudged, simulate
+from dlo_ros.inference.joint import (
+    Evaluation,
+    Simulated,
+    borrowed,
+    evaluate,
+    rejudged,
+    simulate,
+)
 from dlo_ros.inference.joint_fit import ITERATIONS, fit
 from dlo_ros.inference.losses import TO_REPORT
 from dlo_ros.inference.measured import Recording
@@ -39,6 +46,8 @@ from dlo_ros.spline import FloatArray
 LOG = logging.getLogger(__name__)
 
 FINAL_ITERATIONS = 8
+STIFFER = 1.1
+"""Factor of E by which another model lies beside one that comes near: no fit goes farther on."""
 
 
 @dataclass(frozen=True)
@@ -120,12 +129,26 @@ def training_set(
     held_out = holdout.held_out_recording(recordings) if spare else None
     chosen = [k for k in range(count) if k != held_out]
     learned = [recordings[k] for k in chosen]
-    at = beginning.near or beginning.at
-    rough = with_short_steps(drafts(learned, at.of(chosen)), at.of(chosen))
+    if beginning.near is None:
+        at = beginning.at.of(chosen)
+        rough = drafts(learned, at)
+    else:
+        at = beginning.near.of(chosen)
+        rough = _drafts_beside(learned, at)
+    rough = with_short_steps(rough, at)
     prepared = _with_reliable_drafts(prepare(rough, plain, given), learned)
     steps = with_steps_instead_of_plain(prepared.recordings, prepared.setup)
     prepared = replace(prepared, recordings=steps)
     return TrainingSet(recordings, count, held_out, prepared)
+
+
+def _drafts_beside(learned: Sequence[Recording], near: Simulated) -> tuple[Recording, ...]:
+    """Drafts for fits that go on from a model that comes near."""
+    try:
+        beside = simulate(near.model.stiffened(STIFFER), learned, ())
+    except SimulationError:
+        beside = None
+    return drafts(learned, near, beside)
 
 
 def _with_reliable_drafts(prepared: Prepared, learned: Sequence[Recording]) -> Prepared:

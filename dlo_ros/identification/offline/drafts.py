@@ -33,21 +33,28 @@ SHOWN = 0.25
 """Share of the squared residuals that a draft must go through."""
 DRAFT_SHARE = 0.01
 """Error of a draft over the plain model's residual, up to which it does not matter: good models
-leave a tenth of that residual and less."""
+leave a tenth of that residual and less; and how much what it does wrong may change over the change
+of the shapes."""
 
 
-def drafts(recordings: Sequence[Recording], at: Simulated) -> tuple[Recording, ...]:
+def drafts(
+    recordings: Sequence[Recording], at: Simulated, beside: Simulated | None = None
+) -> tuple[Recording, ...]:
     """The recordings with a coarser simulation that is still reliable, long ones shortened.
 
     Args:
         at: the fine simulation of a model: of the plain one, or of one that comes nearer, for which
             the drafts are reliable then.
+        beside: that of a model beside it, as far away as a fit may still go; None: the drafts are
+            to be right. Otherwise they may do wrong what they do wrong with both.
     """
+    left = whitened(at, recordings)
+    both = [at] if beside is None else [at, beside]
+    fine = [[e.predicted[k][..., :3] for e in both] for k in range(len(recordings))]
+    models = [e.model for e in both]
     return tuple(
-        shortened(_draft(recording, left, fine[..., :3], at.model), left, len(recordings))
-        for recording, left, fine in zip(
-            recordings, whitened(at, recordings), at.predicted, strict=True
-        )
+        shortened(_draft(r, rms([own]), shapes, models), own, len(recordings))
+        for r, own, shapes in zip(recordings, left, fine, strict=True)
     )
 
 
@@ -67,16 +74,18 @@ def drafts_error(
 
 
 def _draft(
-    recording: Recording, left: FloatArray, fine: FloatArray, model: ParametricModel
-) -> Recording:
+    recording: Recording, left: float, fine: Sequence[FloatArray],
+    models: Sequence[ParametricModel],
+) -> Recording:  # fmt: skip
     """A recording with the coarsest simulation that is reliable, or as it is.
 
     Args:
-        left: what the model leaves of it in units of the noise, shape (F, K).
-        fine: control points of its fine simulation [m], shape (F, n, 3).
-        model: the model for which it is reliable.
+        left: what the model leaves of it, root mean square in units of the noise.
+        fine: control points of the models' fine simulations [m], shape (F, n, 3) each.
+        models: the model for which it is reliable, and one beside it, if there is one.
     """
-    share = DRAFT_SHARE * rms([left])
+    shown = left if len(fine) == 1 else _size(recording, fine[1] - fine[0])
+    share = DRAFT_SHARE * shown
     first = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
     finest = recording.spans or first * 2**SPACE_ROUNDS
     coarser = [first * 2**k for k in range(SPACE_ROUNDS) if first * 2**k < finest]
@@ -86,14 +95,34 @@ def _draft(
     for spans, tolerance in product((*coarser, recording.spans), tolerances):
         draft = replace(recording, spans=spans, tolerance=tolerance, rapid={})
         try:
-            off = simulate(model, [draft], ()).predicted[0][..., :3] - fine
+            off = _wrong(draft, fine, models)
         except SimulationError:
             continue
-        if rms([recording.coefficients(off) / recording.noise]) < max(IMMATERIAL, share):
-            draft, off = _longer_steps(draft, off, model, fine, share)
+        if _size(draft, _unforeseen(off)) < max(IMMATERIAL, share):
+            draft, off = _longer_steps(draft, off, fine, models, share)
             # Its error is nearly the same with other models.
-            return draft.moved(off)
+            return draft.moved(off[0])
     return recording
+
+
+def _wrong(
+    draft: Recording, fine: Sequence[FloatArray], models: Sequence[ParametricModel]
+) -> Sequence[FloatArray]:
+    """What a draft does wrong with each model [m], shape (F, n, 3)."""
+    return [
+        simulate(model, [draft], ()).predicted[0][..., :3] - right
+        for model, right in zip(models, fine, strict=True)
+    ]
+
+
+def _unforeseen(off: Sequence[FloatArray]) -> FloatArray:
+    """What a draft does wrong with the last model, (F, n, 3) [m], and not with the one before."""
+    return off[0] if len(off) == 1 else off[1] - off[0]
+
+
+def _size(recording: Recording, off: FloatArray) -> float:
+    """Root mean square of distances (F, n, 3) in units of the noise."""
+    return rms([recording.coefficients(off) / recording.noise])
 
 
 def _tolerances(first: float, last: float) -> list[float]:
@@ -103,26 +132,27 @@ def _tolerances(first: float, last: float) -> list[float]:
 
 
 def _longer_steps(
-    draft: Recording, off: FloatArray, model: ParametricModel, fine: FloatArray, most: float
-) -> tuple[Recording, FloatArray]:
+    draft: Recording, off: Sequence[FloatArray], fine: Sequence[FloatArray],
+    models: Sequence[ParametricModel], most: float,
+) -> tuple[Recording, Sequence[FloatArray]]:  # fmt: skip
     """A draft with the longest time steps where these do not matter, and what it does wrong.
 
     Time steps damp in all pictures alike: no noise hides what they do wrong, but a model that
     misses far more does.
 
     Args:
-        off: what the draft does wrong [m], shape (F, n, 3).
-        fine: the control points of the fine simulation [m], shape (F, n, 3).
+        off: what the draft does wrong with each model [m], shape (F, n, 3).
+        fine, models: see `_draft`.
         most: root mean square error that is allowed, in units of the noise.
     """
     assert draft.tolerance is not None
     for tolerance in _tolerances(LONGEST, draft.tolerance)[:-1]:
         longer = replace(draft, tolerance=tolerance)
         try:
-            moved = simulate(model, [longer], ()).predicted[0][..., :3] - fine
+            moved = _wrong(longer, fine, models)
         except SimulationError:
             continue
-        if rms([draft.coefficients(moved - off) / draft.noise]) < most:
+        if _size(draft, _unforeseen(moved) - _unforeseen(off)) < most:
             return longer, moved
     return draft, off
 

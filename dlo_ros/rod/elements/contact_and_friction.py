@@ -1,15 +1,10 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Compiled contact forces: friction with the board, pegs, walls; and quadratic drag.
+"""Compiled contact forces: friction with the board, pegs, walls.
 
 Contact and friction act in the board's plane, on x and z. Friction is a spring to an anchor that
 slides along once its force reaches the Coulomb limit, so a DLO sticks truly; the anchor is part of
 the state. A peg or a wall pushes back in proportion to how deep the DLO's axis is within its reach,
 without friction.
-
-Quadratic drag is a force per length -c |v_n| v_n against the velocity across the DLO. Within a step
-|v_n| and the direction are predicted from the past, to second order in the step, so that the force
-is linear in the velocity at the step's end, and that velocity in the position: a spring across the
-DLO to the place where it would not move.
 """
 
 from __future__ import annotations
@@ -18,6 +13,7 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.elements.quadratic_drag import add_springs
 
 
 @njit(inline="always")
@@ -77,78 +73,15 @@ def press(x0, x1, wall, stiff):
 
 
 @njit(from_python=False)
+def may_be_touched(around):
+    """Whether there are forces that begin or turn over where the DLO moves on."""
+    return around.friction > 0.0 or around.pegs.shape[0] > 0 or around.walls.shape[0] > 0
+
+
+@njit(from_python=False)
 def any_surroundings(around):
     """Whether `add_contact_and_friction` has any force to add."""
-    return (
-        around.friction > 0.0
-        or around.pegs.shape[0] > 0
-        or around.walls.shape[0] > 0
-        or around.tow.shape[0] > 0
-    )
-
-
-@linked()
-def drag_springs(rule, coefficient, q, velocity, still, rate):
-    """Quadratic drag of one step as springs across the DLO.
-
-    Args:
-        coefficient: c, times the true length over that of the basis [N s^2/m^3].
-        q, velocity: control points and their velocities by which direction and speed are judged,
-            shape (n, d).
-        still: control points at which the DLO would not move, shape (n, d).
-        rate: velocity over the distance from there [1/s].
-
-    Returns:
-        For each quadrature point a stiffness across the DLO [N/m^2], the tangent and the point at
-        which there is no force [m], shape (nb, 1 + 2 m) for m coordinates.
-    """
-    count = min(q.shape[1], 3)
-    result = np.zeros((rule.weight.size, 1 + 2 * count))
-    for e in range(rule.weight.size):
-        row = result[e]
-        long, fast, along = 0.0, 0.0, 0.0
-        for c in range(count):
-            speed = 0.0
-            for i in range(4):
-                at = rule.span[e] + i
-                row[1 + c] += rule.b1[e, i] * q[at, c]
-                row[1 + count + c] += rule.b[e, i] * still[at, c]
-                speed += rule.b[e, i] * velocity[at, c]
-            long += row[1 + c] * row[1 + c]
-            fast += speed * speed
-            along += row[1 + c] * speed
-        size = np.sqrt(long)
-        for c in range(count):
-            row[1 + c] /= size
-        row[0] = coefficient * rate * np.sqrt(max(fast - along * along / long, 0.0))
-    return result
-
-
-@linked()
-def _tow(q, rule, tow, gradient, band):
-    """Add the quadratic drag of a step and its tangent to gradient and banded matrix."""
-    dof, last = q.shape[1], band.shape[1] - 1
-    count = min(dof, 3)
-    away = np.empty(count)
-    for e in range(rule.weight.size):
-        t, stiff = tow[e, 1 : 1 + count], rule.weight[e] * tow[e, 0]
-        along = 0.0
-        for c in range(count):
-            away[c] = -tow[e, 1 + count + c]
-            for i in range(4):
-                away[c] += rule.b[e, i] * q[rule.span[e] + i, c]
-            along += t[c] * away[c]
-        for i in range(4):
-            for c in range(count):
-                row = dof * (rule.span[e] + i) + c
-                gradient[row] += stiff * rule.b[e, i] * (away[c] - along * t[c])
-                for j in range(i + 1):
-                    share = stiff * rule.b[e, i] * rule.b[e, j]
-                    for d in range(count):
-                        column = dof * (rule.span[e] + j) + d
-                        if column <= row:
-                            unit = 1.0 if c == d else 0.0
-                            band[row, last - row + column] += share * (unit - t[c] * t[d])
+    return may_be_touched(around) or around.tow.pull.size > 0
 
 
 @njit(from_python=False)
@@ -204,8 +137,8 @@ def add_contact_and_friction(q, rule, around, anchor, gradient, band):
             if force[5] > 0.0:
                 _add(around.span[e], around.b[e], around.weight[e], dof, force, gradient, band)
                 energy += around.weight[e] * force[5]
-    if around.tow.shape[0] > 0:
-        _tow(q, rule, around.tow, gradient, band)
+    if around.tow.pull.size > 0:
+        add_springs(q, around.tow, gradient, band)
     return energy
 
 

@@ -72,6 +72,13 @@ class Response(NamedTuple):
     pull: FloatArray  # (nb,) tension that counts in the second derivatives [N]
 
 
+class Springs(NamedTuple):
+    """Forces on the control points that are linear in their places: stiffness q - pull."""
+
+    stiffness: FloatArray  # (n d, 4 d) lower rows [N/m]
+    pull: FloatArray  # (n d,) [N]
+
+
 class Surroundings(NamedTuple):
     """Bodies in contact with the DLO, friction and quadratic drag; see `contact_and_friction`."""
 
@@ -86,9 +93,10 @@ class Surroundings(NamedTuple):
         FloatArray  # (k, 3) normal x, z to the free side, offset of the DLO's axis at contact [m]
     )
     brake: float  # c of the quadratic drag [N s^2/m^3]
-    tow: (
-        FloatArray  # (nb, 1 + 2 m) quadratic drag, see `contact_and_friction.drag_springs`; or none
-    )
+    tow: Springs  # quadratic drag of a step, see `quadratic_drag`; or none
+
+
+NO_SPRINGS = Springs(np.zeros((0, 0)), np.zeros(0))
 
 
 class InternalVariables(NamedTuple):

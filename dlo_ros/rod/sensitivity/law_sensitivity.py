@@ -32,7 +32,7 @@ def _relaxation(law, rates, h, a):
 
 
 @linked()
-def add_law_stresses(base, more, law, rates, inner, past, other, derivatives, h, stress_o):
+def add_law_stresses(base, more, law, rates, inner, past, other, derivatives, h, flat, stress_o):
     """Add the derivatives of inelastic moments, the strains held.
 
     Args:
@@ -43,30 +43,34 @@ def add_law_stresses(base, more, law, rates, inner, past, other, derivatives, h,
         other: strains after the step, shape (nb, 3).
         derivatives: see `moment_derivatives`.
         h: length of the step [s].
+        flat: whether the rod lies in the plane, where it has a curvature about one director only.
         stress_o: derivatives (P, nb, 3) to which they are added.
     """
-    moment, slide = derivatives.moment, derivatives.slide
-    left, d_left = np.empty(2), np.empty(2)
+    moment, slide, directors = derivatives.moment, derivatives.slide, 1 if flat else 2
+    left, d_left = np.zeros(2), np.zeros(2)
     held = 1.0 - law.relaxing
     for a in range(stress_o.shape[0]):
-        keep, gain, d_keep, d_gain = _relaxation(law, rates, h, a)
         out = stress_o[a]
-        for e in range(inner.shape[0]):
-            for c in range(2):
-                x = other[e, c] - base.bend_rest[0, e, c]
-                step = other[e, c] - inner[e, 4 + c]
-                left[c] = gain * step + keep * inner[e, c] - law.relaxing * x
-                d_left[c] = (
-                    d_gain * step - gain * past.inner[a, e, 4 + c] + d_keep * inner[e, c]
-                    + keep * past.inner[a, e, c] - rates.relaxing[a] * x
-                    + law.relaxing * more.bend_rest[a, e, c]
-                )  # fmt: skip
-            for c in range(2):
-                out[e, c] += more.bend[a, e, c] * left[c] + base.bend[0, e, c] * d_left[c]
-                out[e, c] += more.bend[a, e, 2] * left[1 - c] + base.bend[0, e, 2] * d_left[1 - c]
+        if law.relaxing != 0.0 or rates.relaxing[a] != 0.0:
+            keep, gain, d_keep, d_gain = _relaxation(law, rates, h, a)
+            for e in range(inner.shape[0]):
+                for c in range(directors):
+                    x = other[e, c] - base.bend_rest[0, e, c]
+                    step = other[e, c] - inner[e, 4 + c]
+                    left[c] = gain * step + keep * inner[e, c] - law.relaxing * x
+                    d_left[c] = (
+                        d_gain * step - gain * past.inner[a, e, 4 + c] + d_keep * inner[e, c]
+                        + keep * past.inner[a, e, c] - rates.relaxing[a] * x
+                        + law.relaxing * more.bend_rest[a, e, c]
+                    )  # fmt: skip
+                for c in range(directors):
+                    out[e, c] += more.bend[a, e, c] * left[c] + base.bend[0, e, c] * d_left[c]
+                    out[e, c] += (
+                        more.bend[a, e, 2] * left[1 - c] + base.bend[0, e, 2] * d_left[1 - c]
+                    )
         for e in range(slide.shape[0]):
             z, before = slide[e], past.inner[a, e]
-            for c in range(2):
+            for c in range(directors):
                 out[e, c] += rates.slide[a] * z[c, 5] + law.slide * (
                     z[c, 2] * before[2] + z[c, 3] * before[3] + z[c, 4] * rates.turn[a, e]
                     - z[c, 0] * before[4] - z[c, 1] * before[5]
@@ -77,7 +81,7 @@ def add_law_stresses(base, more, law, rates, inner, past, other, derivatives, h,
                 more.bend[a, e, 0], more.bend[a, e, 1], more.bend_rest[a, e, 0],
                 more.bend_rest[a, e, 1],
             )  # fmt: skip
-            for c in range(2):
+            for c in range(directors):
                 x = other[e, c] - base.bend_rest[0, e, c]
                 linear = more.bend[a, e, c] * x - base.bend[0, e, c] * more.bend_rest[a, e, c]
                 out[e, c] -= rates.relaxing[a] * (m[c, 9] - base.bend[0, e, c] * x)
@@ -90,43 +94,47 @@ def add_law_stresses(base, more, law, rates, inner, past, other, derivatives, h,
 
 
 @linked()
-def propagate_internal_bending(d_rest, law, rates, inner, change, other, derivatives, h, d_other):
+def propagate_internal_bending(
+    d_rest, law, rates, inner, change, other, derivatives, h, flat, d_other
+):
     """Let the internal variables of bending vary along.
 
     Args:
         d_rest: derivatives of the rest curvature, shape (P, nb, 2).
-        law, rates, inner, other, derivatives: see `add_law_stresses`.
+        law, rates, inner, other, derivatives, flat: see `add_law_stresses`.
         change: derivatives of the internal variables, of which those of bending are changed.
         h: length of the step [s], 0 to an equilibrium.
         d_other: derivatives of the strains after the step, shape (P, nb, 3).
     """
-    yields, slide = derivatives.plastic, derivatives.slide
+    yields, slide, directors = derivatives.plastic, derivatives.slide, 1 if flat else 2
     for a in range(d_other.shape[0]):
-        keep, gain, d_keep, d_gain = _relaxation(law, rates, h, a)
         for e in range(yields.shape[0]):
             p, before = yields[e], change.plastic[a, e]
             p1, p2 = before[0], before[1]
             x1 = d_other[a, e, 0] - d_rest[a, e, 0]
             x2 = d_other[a, e, 1] - d_rest[a, e, 1]
-            for c in range(2):
+            for c in range(directors):
                 before[c] = (
                     p[c, 0] * x1 + p[c, 1] * x2 + p[c, 2] * p1 + p[c, 3] * p2
                     + p[c, 4] * rates.yield_curvature[a, e] + p[c, 5] * rates.hardening[a]
                 )  # fmt: skip
+        for e in range(slide.shape[0]):
+            z, before = slide[e], change.inner[a, e]
+            x1, x2 = d_other[a, e, 0] - before[4], d_other[a, e, 1] - before[5]
+            z1, z2 = before[2], before[3]
+            for c in range(directors):
+                before[2 + c] = (
+                    z[c, 0] * x1 + z[c, 1] * x2 + z[c, 2] * z1 + z[c, 3] * z2
+                    + z[c, 4] * rates.turn[a, e]
+                )  # fmt: skip
+        relaxes = law.relaxing != 0.0 or rates.relaxing[a] != 0.0
+        keep, gain, d_keep, d_gain = _relaxation(law, rates, h if relaxes else 0.0, a)
         for e in range(inner.shape[0]):
             before = change.inner[a, e]
-            x1, x2 = d_other[a, e, 0] - before[4], d_other[a, e, 1] - before[5]
-            if slide.shape[0] > 0:
-                z, z1, z2 = slide[e], before[2], before[3]
-                for c in range(2):
-                    before[2 + c] = (
-                        z[c, 0] * x1 + z[c, 1] * x2 + z[c, 2] * z1 + z[c, 3] * z2
-                        + z[c, 4] * rates.turn[a, e]
-                    )  # fmt: skip
-            for c in range(2):
-                step = other[e, c] - inner[e, 4 + c]
-                before[c] = (
-                    d_keep * inner[e, c] + keep * before[c] + d_gain * step
-                    + gain * (x1 if c == 0 else x2)
-                )  # fmt: skip
+            for c in range(directors):
+                if relaxes:
+                    step, more = other[e, c] - inner[e, 4 + c], d_other[a, e, c] - before[4 + c]
+                    before[c] = (
+                        d_keep * inner[e, c] + keep * before[c] + d_gain * step + gain * more
+                    )
                 before[4 + c] = d_other[a, e, c]

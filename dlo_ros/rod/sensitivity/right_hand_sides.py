@@ -206,7 +206,7 @@ def written_out(
     if varying.kind != LINEAR:
         add_law_stresses(
             system.stiffness, rates.stiffness, law, rates.law, old.internal.inner,
-            varying.internal, new.other, derivatives, h, stress_o,
+            varying.internal, new.other, derivatives, h, new.q.shape[1] == PLANAR, stress_o,
         )  # fmt: skip
         add_surroundings_forces(system, old, new, h, varying, rhs)
     rhs -= rod_forces.stress_forces(system.rule, grad_s, grad_o, stress_s, stress_o)

@@ -52,7 +52,7 @@ def follow(system, after, old, h, matter, derivatives, varying, d_q, grad_s, gra
     if old.internal.plastic.shape[0] + old.internal.inner.shape[0] > 0:
         propagate_internal_bending(
             varying.rates.stiffness.bend_rest, matter.law, varying.rates.law, old.internal.inner,
-            varying.internal, after.other, derivatives, h, d_other,
+            varying.internal, after.other, derivatives, h, q.shape[1] == PLANAR, d_other,
         )  # fmt: skip
     if old.internal.anchor.shape[0] > 0:
         propagate_anchors(

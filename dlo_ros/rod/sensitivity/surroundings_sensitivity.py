@@ -10,15 +10,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements.contact_and_friction import (
     add_contact_and_friction,
     friction,
     rest_anchor,
 )
+from dlo_ros.rod.elements.element_stiffness import FIRST
+from dlo_ros.rod.elements.quadratic_drag import add_pushes, no_springs, points
 from dlo_ros.rod.elements.rod_tables import Surroundings
+from dlo_ros.rod.elements.strains import three
+from dlo_ros.rod.simd.vector_algebra import FLAGS, dot, mix, mix3, times
 from dlo_ros.rod.solve.generalised_alpha import drag_prediction, weights
+
+STILL = 1e-300  # speed [m/s] below which a direction of motion counts for nothing
 
 
 @linked()
@@ -68,7 +73,6 @@ def _add_friction(rule, limit, creep, anchor, q, d_limit, d_anchor, rhs):
 @linked()
 def _add_contact(rule, s, q, step, touched, rhs):
     """Pegs and walls, from the forces of both variants of a parameter."""
-    none = np.zeros((0, 3))
     spare, anchor = np.empty((q.size, 4 * q.shape[1])), np.empty((0, 2))
     for a in range(rhs.shape[0]):
         if touched[a] == 0.0:
@@ -77,7 +81,7 @@ def _add_contact(rule, s, q, step, touched, rhs):
             k = 1 + 2 * a + side
             around = Surroundings(
                 0.0, s.creep[k], s.pegs[k], s.contact[k], s.span, s.b, s.weight, s.walls[k], 0.0,
-                none,
+                no_springs(),
             )  # fmt: skip
             force = np.zeros(q.size)
             add_contact_and_friction(q, rule, around, anchor, force, spare)
@@ -86,62 +90,30 @@ def _add_contact(rule, s, q, step, touched, rhs):
                 rhs[a, i] -= share * force[i]
 
 
-@njit(inline="always")
-def _inner(x, y):
-    """Inner product of two short vectors."""
-    total = 0.0
-    for c in range(x.size):
-        total += x[c] * y[c]
-    return total
-
-
-@njit(inline="always")
-def _at(table, span, values, out):
-    """Write the value of a spline with basis functions `table` (4,) to out."""
-    for c in range(out.size):
-        out[c] = 0.0
-        for i in range(4):
-            out[c] += table[i] * values[span + i, c]
-
-
-@linked()
+@linked(**FLAGS)
 def _add_quadratic_drag(rule, brake, prediction, q, h, d_brake, changes, rhs):
-    (_, rate), dof = weights(h), q.shape[1]
-    m, (there, speed, still), (d_there, d_speed, d_still) = min(dof, 3), prediction, changes
-    t, s, y, away = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
-    dt, ds, dy = np.empty(m), np.empty(m), np.empty(m)
-    for e in range(rule.weight.size):
-        span, b, b1 = rule.span[e], rule.b[e], rule.b1[e]
-        _at(b1, span, there, t)
-        _at(b, span, speed, s)
-        _at(b, span, still, y)
-        _at(b, span, q, away)
-        size = np.sqrt(_inner(t, t))
-        for c in range(m):
-            t[c] /= size
-            away[c] -= y[c]
-        along, ahead = _inner(s, t), _inner(away, t)
-        for c in range(m):
-            s[c] -= along * t[c]
-        fast = np.sqrt(_inner(s, s))  # across the DLO, from here on
-        for c in range(m):
-            s[c] /= max(fast, 1e-300)
+    (_, rate), dof, forces = weights(h), q.shape[1], np.zeros(FIRST)
+    last, (there, speed, still), (d_there, d_speed, d_still) = dof // 2, prediction, changes
+    b, b1 = rule.b, rule.b1
+    for e in range(0, rule.weight.size, 3):
+        span = rule.span[e]
+        slope, s = points(there, span, b1, e, last), points(speed, span, b, e, last)
+        away = mix(1.0, points(q, span, b, e, last), -1.0, points(still, span, b, e, last))
+        shorter = 1.0 / np.sqrt(dot(slope, slope))
+        t = times(shorter, slope)
+        along, ahead = dot(s, t), dot(away, t)
+        s = mix(1.0, s, -along, t)
+        fast = np.sqrt(dot(s, s))  # across the DLO, from here on
+        s = times(1.0 / (fast + STILL), s)
+        aside, push = mix(1.0, away, -ahead, t), rate * three(rule.weight, e)
         for a in range(rhs.shape[0]):
-            _at(b1, span, d_there[a], dt)
-            _at(b, span, d_speed[a], ds)
-            _at(b, span, d_still[a], dy)
-            longer, back = _inner(t, dt), _inner(t, dy)
-            for c in range(m):
-                dt[c] = (dt[c] - longer * t[c]) / size
-            faster = brake * (_inner(s, ds) - along * _inner(s, dt))
-            faster += d_brake[a] * fast
-            turned = _inner(dt, away)
-            for c in range(m):
-                pull = faster * (away[c] - ahead * t[c]) + brake * fast * (
-                    (back - turned) * t[c] - dy[c] - ahead * dt[c]
-                )
-                for i in range(4):
-                    rhs[a, dof * (span + i) + c] -= rule.weight[e] * rate * b[i] * pull
+            ds, dy = points(d_speed[a], span, b, e, last), points(d_still[a], span, b, e, last)
+            dt = points(d_there[a], span, b1, e, last)
+            dt = times(shorter, mix(1.0, dt, -dot(t, dt), t))
+            faster = brake * (dot(s, ds) - along * dot(s, dt)) + d_brake[a] * fast
+            turned = mix3(1.0, dy, ahead, dt, dot(dt, away) - dot(t, dy), t)
+            pull = mix(-push * faster, aside, push * brake * fast, turned)
+            add_pushes(pull, rule, e, dof, forces, rhs[a])
 
 
 @linked()

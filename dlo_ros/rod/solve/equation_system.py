@@ -11,6 +11,7 @@ from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.boundary.conditions import Imposed, impose
 from dlo_ros.rod.elements.planar_assembly import PLANAR
+from dlo_ros.rod.elements.quadratic_drag import no_springs
 from dlo_ros.rod.elements.rod_tables import (
     ConstitutiveLaw,
     Material,
@@ -134,7 +135,7 @@ def material_at_rest(system, k, factor, internal):
         ),
         Surroundings(
             a.friction[k], a.creep[k], a.pegs[k], a.contact[k], a.span, a.b, a.weight, a.walls[k],
-            a.brake[k], np.zeros((0, 3)),
+            a.brake[k], no_springs(),
         ),
         internal, 0.0, 0.0,
     )  # fmt: skip
@@ -158,7 +159,7 @@ def frictionless(m):
 def unhindered(m):
     """The material as a linear elastic one that touches nothing."""
     a, none = m.around, np.zeros((0, 3))
-    around = Surroundings(0.0, a.creep, none, 0.0, a.span, a.b, a.weight, none, 0.0, none)
+    around = Surroundings(0.0, a.creep, none, 0.0, a.span, a.b, a.weight, none, 0.0, no_springs())
     w = m.law
     law = ConstitutiveLaw(0.0, w.half_curvature, w.yield_curvature, 0.0, 0.0, 1.0, 0.0, w.turn)
     return Material(m.stiffness, m.damping, m.bend_rest, law, around, m.internal, 0.0, 0.0)
@@ -182,7 +183,7 @@ def relaxed_material(m, h):
 
 @linked()
 def with_quadratic_drag(m, tow):
-    """The material with the quadratic drag of one step, see `contact_and_friction.drag_springs`."""
+    """The material with the quadratic drag of one step, see `quadratic_drag.drag_springs`."""
     a = m.around
     around = Surroundings(
         a.friction, a.creep, a.pegs, a.contact, a.span, a.b, a.weight, a.walls, a.brake, tow

@@ -15,7 +15,7 @@ import numpy as np
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements.constitutive_law import moments_in_plane
-from dlo_ros.rod.elements.contact_and_friction import any_surroundings
+from dlo_ros.rod.elements.contact_and_friction import any_surroundings, may_be_touched
 from dlo_ros.rod.lanes.simd_kernels import (
     COLUMN,
     BatchLaw,
@@ -124,22 +124,22 @@ def implicit_step(lanes, q, target, fixed, rule, matter, stretch, longer, inerti
     n, lo, hi = tables.n, tables.lo, tables.hi
     _begin(lanes, q, target, fixed, rule, matter, stretch, longer, inertia, rhs)
     linear = matter.law.active == 0.0 and matter.law.slide == 0.0
-    touching = any_surroundings(matter.around)
+    surrounded, touching = any_surroundings(matter.around), may_be_touched(matter.around)
     smooth = linear and not touching
-    points, size = 0 if linear else 3 * tables.spans, PLANE * n if touching else 0
+    points, size = 0 if linear else 3 * tables.spans, PLANE * n if surrounded else 0
     here, line = _no_response(points, size), _no_response(points, size)
     pull, promised = np.empty(0 if smooth else PLANE * n), 0.0
     # A DLO may touch a body in this step that was far away before; and where it slips through a
     # grip, the tension of its false stretch differs from step to step.
     before, ratio = 0.0, 1.0 if touching or longer != 1.0 else pace[0] ** AGEING
     for iteration in range(1, MAX_NEWTON + 1):
-        if not smooth:
+        if surrounded or not smooth:
             _respond(lanes, q, rule, matter, here)
-            if iteration > 1:
+            if iteration > 1 and not smooth:
                 before *= _retreat(lanes, q, rule, matter, promised, line, here)
             _take(lanes, rule, here, line)
         assemble(lanes.q, tables, law, scratch, lanes.matrix, lanes.tension, iteration == 1)
-        if touching:
+        if surrounded:
             _add(tables, scratch, line.forces, line.stiffness)
         residual(lanes.q, lanes.matrix, lanes.rhs, scratch, tables)
         for i in range(pull.size):

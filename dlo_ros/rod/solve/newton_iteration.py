@@ -11,7 +11,7 @@ import numpy as np
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements.constitutive_law import room
-from dlo_ros.rod.elements.contact_and_friction import any_surroundings
+from dlo_ros.rod.elements.contact_and_friction import may_be_touched
 from dlo_ros.rod.elements.rod_forces import (
     add_scalar_band,
     assemble,
@@ -211,7 +211,7 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
     lack = np.empty(gap.size)
     law = matter.law
     many = rule.weight.size if law.active != 0.0 or law.slide != 0.0 else 0
-    pressed = size if any_surroundings(matter.around) else 0
+    pressed = size if may_be_touched(matter.around) else 0
     smooth = many + pressed == 0
     strain, bent, pull = np.empty((many, 3)), room(many), np.empty(0 if smooth else size)
     forces, stiffness = np.empty(pressed), np.empty((pressed, 4 * dof))
