@@ -200,21 +200,28 @@ class Command:
         moved = np.linalg.norm(np.diff(self.positions, axis=0), axis=2).sum(axis=1)
         return np.concatenate([[0.0], np.cumsum(moved)])
 
-    def corners(self, size: float, reach: float) -> FloatArray:
+    def corners(self, size: float, reach: float, spreading: float | None = None) -> FloatArray:
         """Times [s] at which the motion bends so sharply that it is no smooth one.
 
         Args:
             size: distance of a polyline from the smooth curve through its points [m] up to which
                 their kinks are no corners.
             reach: distance from a clamp at which its direction counts [m].
+            spreading: a turn of a clamp bends the DLO within a time t no farther from it than the
+                root of this times t [m^2/s]; None: at once all of it.
         """
-        moved, turned = self._kinks
-        corners: FloatArray = self.times[(moved > size) | (reach * turned > size)]
+        moved, turned, shorter = self._kinks
+        near = reach if spreading is None else np.minimum(reach, np.sqrt(spreading * shorter))
+        corners: FloatArray = self.times[(moved > size) | (near * turned > size)]
         return corners
 
     @cached_property
-    def _kinks(self) -> tuple[FloatArray, FloatArray]:
-        """Distances from a smooth motion by the kink at each point, in m and rad, shape (T,)."""
+    def _kinks(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What makes a kink at each point, shape (T,).
+
+        They are its distances from a smooth motion, in m and rad, and the time to the nearer one of
+        its neighbours [s].
+        """
         h = np.diff(self.times)
         slope = np.diff(self.positions, axis=0) / h[:, None, None]
         given = np.isfinite(self.velocities[1:] + self.velocities[:-1])
@@ -224,7 +231,8 @@ class Command:
         turning = 2.0 * np.diff(self._clamp_rotations(), axis=0) / h[:, None, None]
         shorter = np.minimum(np.append(h, np.inf), np.append(np.inf, h))
         shorter[np.isinf(shorter)] = 0.0  # there is one point alone
-        return _jumps(arriving, leaving) * shorter / 8.0, _jumps(turning, turning) * shorter / 8.0
+        moved, turned = _jumps(arriving, leaving), _jumps(turning, turning)
+        return moved * shorter / 8.0, turned * shorter / 8.0, shorter
 
     def _clamp_rotations(self) -> FloatArray:
         """Unit quaternions of the clamps without jumps of their signs, shape (T, C, 4)."""

@@ -91,7 +91,7 @@ def integrate(
     length = model.basis.length
     allowed = model.settings.simulation.tolerance * length
     tolerance, newton = accuracy([model])
-    corners = true.corners(allowed, length)
+    corners = true.corners(allowed, length, model.spreading)
     if stepwise:
         corners = np.union1d(corners, times)
     status, steps = adaptive_integration.march(

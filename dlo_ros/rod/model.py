@@ -208,6 +208,16 @@ class RodModel:
         return lower_band(b.T @ (mass[:, None] * b)), b.T @ mass
 
     @cached_property
+    def spreading(self) -> float:
+        """How fast a bend spreads from a clamp, see `Command.corners` [m^2/s].
+
+        A turn of the end of a long beam by an angle has moved it by less than that angle times
+        sqrt(sqrt(B / m) t) after a time t, as its dimensions tell; B is its bending stiffness, m
+        its mass per length. Here it is taken to reach twice as far.
+        """
+        return 4.0 * float(np.sqrt(self.body.bend.max() / self.body.line_density))
+
+    @cached_property
     def line_mass(self) -> FloatArray:
         """Mass matrix of the DLO alone, lower band (n, 4) [kg]."""
         return self.body.line_density * self.body.lengthening * self.gram

@@ -32,6 +32,16 @@ def led(points, *, velocities=True, turning=0.0):
     return replace(imposed, rotations=rotations, velocities=moving)
 
 
+def _bow(model, flat):
+    """Control points from which the rod settles between its ends, (n, 4)."""
+    shape = np.zeros((model.basis.control_points, 4))
+    u = model.basis.greville / LENGTH
+    shape[:, 0], shape[:, 2] = 0.75 * LENGTH * u, -0.3 * LENGTH * np.sin(np.pi * u)
+    if not flat:
+        shape[:, 1] = 0.02 * LENGTH * np.sin(np.pi * u)
+    return shape
+
+
 def test_a_polyline_has_corners_where_it_is_far_from_a_smooth_curve():
     imposed = led(11, velocities=False)
     sagitta = RADIUS * (1.0 - np.cos(0.05 * np.pi))  # of a chord, from the middle of which it is
@@ -47,6 +57,31 @@ def test_a_clamp_that_turns_has_corners_by_how_far_the_dlo_reaches():
     imposed = led(11, turning=1.0)
     assert len(imposed.corners(1e-3, 1e-3)) == 2
     assert len(imposed.corners(1e-3, LENGTH)) > 5
+    near, far = (0.1 * reach**2 for reach in (1e-3 * LENGTH, LENGTH))  # 0.1 s from point to point
+    assert len(imposed.corners(1e-3, LENGTH, near)) == 2
+    np.testing.assert_array_equal(
+        imposed.corners(1e-3, LENGTH, 1e3 * far), imposed.corners(1e-3, LENGTH)
+    )
+
+
+@pytest.mark.parametrize("flat", [False, True], ids=["space", "plane"])
+def test_a_clamp_that_trembles_in_a_recording_needs_few_steps(monkeypatch, flat):
+    """A direction measured to 2 mrad, 100 times a second: the DLO follows beside the clamp only."""
+    settings = replace(PAPER, simulation=replace(PAPER.simulation, tolerance=1e-3))
+    imposed = led(101)
+    rotations = np.array(imposed.rotations)
+    half = 1e-3 * np.random.default_rng(4).normal(size=101)
+    rotations[:, 0] = np.stack([0.0 * half, np.sin(half), 0.0 * half, np.cos(half)], axis=1)
+    imposed = replace(imposed, rotations=rotations)
+    model, boundary = build(settings, imposed, 14)
+    start = settle(model, boundary, rest_state(0, _bow(model, flat), model), imposed, 0).state
+    stamps = [SECOND // 2, SECOND]
+    found = dynamics.follow(model, boundary, start, imposed, stamps)
+    monkeypatch.setattr(Command, "corners", lambda command, *_: command.times)
+    exact = dynamics.follow(model, boundary, start, imposed, stamps)
+    assert found.steps < 0.8 * exact.steps
+    off = np.linalg.norm((found.shapes - exact.shapes)[..., :3], axis=2)
+    assert off.max() < 1e-3 * LENGTH
 
 
 def test_a_single_point_is_no_corner():
@@ -62,12 +97,7 @@ def test_a_path_of_a_thousand_points_needs_few_steps(monkeypatch, velocities, fl
     settings = replace(PAPER, simulation=replace(PAPER.simulation, tolerance=1e-3))
     imposed = led(1001, velocities=velocities, turning=0.3)
     model, boundary = build(settings, imposed, 14)
-    shape = np.zeros((model.basis.control_points, 4))
-    u = model.basis.greville / LENGTH
-    shape[:, 0], shape[:, 2] = 0.75 * LENGTH * u, -0.3 * LENGTH * np.sin(np.pi * u)
-    if not flat:
-        shape[:, 1] = 0.02 * LENGTH * np.sin(np.pi * u)
-    start = settle(model, boundary, rest_state(0, shape, model), imposed, 0).state
+    start = settle(model, boundary, rest_state(0, _bow(model, flat), model), imposed, 0).state
     stamps = [SECOND // 4, SECOND]
     found = dynamics.follow(model, boundary, start, imposed, stamps)
     monkeypatch.setattr(Command, "corners", lambda command, *_: command.times)

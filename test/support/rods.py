@@ -56,7 +56,7 @@ class Nothing:
     off_plane, turns_in_plane, progress = 0.0, True, np.zeros(1)
 
     @staticmethod
-    def corners(size: float, reach: float) -> np.ndarray:
+    def corners(size: float, reach: float, spreading: float) -> np.ndarray:
         return np.zeros(0)
 
 

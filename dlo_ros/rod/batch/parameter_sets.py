@@ -137,7 +137,9 @@ class ParameterSets:
         velocities = rows(len(clock), len(times) if speeds else 0, layout.place[1])
         status = np.empty((len(clock), 2), np.int64)
         twists = rows(len(clock), len(times), 0 if flat else len(states[0].strains.stretch))
-        corners = command.corners(self._tolerance * length, length)
+        corners = command.corners(
+            self._tolerance * length, length, max(m.spreading for m in self.models)
+        )
         march(
             layout.sets, layout.tables, self.boundary.imposed(command), frames, motion,
             layout.place, layout.room, clock, self.boundary.reach * lengthening, length, corners,

@@ -80,7 +80,8 @@ class RodInLanes:
             v.frames[...], v.increments[...] = before.frames, 0.0
             changed = _copied(before)
         length = self._model.basis.length
-        corners = command.corners(self._model.settings.simulation.tolerance * length, length)
+        allowed = self._model.settings.simulation.tolerance * length
+        corners = command.corners(allowed, length, self._model.spreading)
         if stepwise:
             corners = np.union1d(corners, times)
         status, steps = single_rod.march(
