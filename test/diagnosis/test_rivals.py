@@ -121,6 +121,28 @@ def test_a_set_up_that_is_strained_without_a_cause_may_be_its_rival(
     }
 
 
+@pytest.mark.parametrize(
+    ("effect", "expected"), [("viscoelasticity", ["internal_damping"]), ("constant_force", [])]
+)
+def test_a_damping_may_be_the_rival_of_its_limit_whatever_derivatives_tell(
+    monkeypatch, effect, expected
+):
+    """A creep that is over at once is a damping of a softer rod: no derivative leads there."""
+    monkeypatch.setattr(rivals, "in_its_place", lambda *_: [])
+    monkeypatch.setattr(rivals, "ranked_proposals", lambda *_: [])
+    damping = SimpleNamespace(
+        effect="internal_damping", label="internal_damping",
+        parameters=(SimpleNamespace(effect="", name="relaxation_time"),),
+    )  # fmt: skip
+    monkeypatch.setattr(rivals, "strained", lambda *_: [damping])
+    monkeypatch.setattr(rivals, "linear_loss", lambda *_, **__: 1e3)
+    monkeypatch.setattr(rivals, "without", lambda *_, **__: evaluation(99.0))
+    at = Fit(SimpleNamespace(with_prior=lambda parameters: None), SimpleNamespace(evidence=100.0))
+    cause = SimpleNamespace(effect=effect, label=effect)
+    found = rivals.rivals_of((at, cause), evaluation(60.0), (), (), object(), complete=True)
+    assert list(found) == expected
+
+
 @pytest.mark.parametrize(("complete", "expected"), [(True, ["connector"]), (False, [])])
 def test_what_the_data_do_not_tell_apart_is_a_rival(monkeypatch, complete, expected):
     """Its log evidence is lower by 20 of 40, as chance alone may make it."""

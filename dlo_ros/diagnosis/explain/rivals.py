@@ -17,7 +17,8 @@ from dlo_ros.diagnosis.explain.certainty import strained
 from dlo_ros.diagnosis.explain.far_starts import in_its_place
 from dlo_ros.diagnosis.explain.left_out import linear_loss, without
 from dlo_ros.diagnosis.explain.offered_effects import Offer, ranked_proposals
-from dlo_ros.effects import Start
+from dlo_ros.effects import Start, effects
+from dlo_ros.effects.equivalence import Equivalence
 from dlo_ros.effects.start import Block
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import fit
@@ -85,15 +86,22 @@ def _freed(named: Trial, bare: Evaluation, recordings: Sequence[Recording]) -> I
     """Fits with numbers of the set-up in a cause's place that are strained without it.
 
     Each begins from the best model, in which they are within their tolerance: what does the same
-    as the cause takes its place at once. What by derivatives does much less is not fitted.
+    as the cause takes its place at once. What by derivatives does much less is not fitted, but for
+    a damping where the cause may be one in a limit, to which no derivative leads.
     """
     at, group = named
     for twin in strained(bare, at):
         if twin.effect == group.effect:  # it may be the other end's
             continue
         free = replace(at, model=at.model.with_prior(twin.parameters))
-        if linear_loss(free, group, wholly=True) > INDISPENSABLE:
+        limit = _stands_for_plain(group.effect) and any(not p.effect for p in twin.parameters)
+        if not limit and linear_loss(free, group, wholly=True) > INDISPENSABLE:
             continue
         there = without(free, group, recordings, wholly=True)
         if there is not None:
             yield there, twin
+
+
+def _stands_for_plain(effect: str) -> bool:
+    """Whether an effect is a plain rod with other numbers in a limit, see `plain_rod`."""
+    return effects()[effect].taken_for is not Equivalence.taken_for

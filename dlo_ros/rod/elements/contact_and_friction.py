@@ -13,7 +13,7 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.elements.quadratic_drag import add_springs
+from dlo_ros.rod.elements.drag_springs import add_springs
 
 
 @njit(inline="always")

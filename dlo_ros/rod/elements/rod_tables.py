@@ -93,7 +93,7 @@ class Surroundings(NamedTuple):
         FloatArray  # (k, 3) normal x, z to the free side, offset of the DLO's axis at contact [m]
     )
     brake: float  # c of the quadratic drag [N s^2/m^3]
-    tow: Springs  # quadratic drag of a step, see `quadratic_drag`; or none
+    tow: Springs  # quadratic drag of a step, see `drag_springs`; or none
 
 
 NO_SPRINGS = Springs(np.zeros((0, 0)), np.zeros(0))

@@ -16,8 +16,8 @@ from dlo_ros.rod.elements.contact_and_friction import (
     friction,
     rest_anchor,
 )
+from dlo_ros.rod.elements.drag_springs import add_pushes, no_springs, points
 from dlo_ros.rod.elements.element_stiffness import FIRST
-from dlo_ros.rod.elements.quadratic_drag import add_pushes, no_springs, points
 from dlo_ros.rod.elements.rod_tables import Surroundings
 from dlo_ros.rod.elements.strains import three
 from dlo_ros.rod.simd.vector_algebra import FLAGS, dot, mix, mix3, times

@@ -10,8 +10,8 @@ import numpy as np
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.boundary.conditions import Imposed, impose
+from dlo_ros.rod.elements.drag_springs import no_springs
 from dlo_ros.rod.elements.planar_assembly import PLANAR
-from dlo_ros.rod.elements.quadratic_drag import no_springs
 from dlo_ros.rod.elements.rod_tables import (
     ConstitutiveLaw,
     Material,
@@ -183,7 +183,7 @@ def relaxed_material(m, h):
 
 @linked()
 def with_quadratic_drag(m, tow):
-    """The material with the quadratic drag of one step, see `quadratic_drag.drag_springs`."""
+    """The material with the quadratic drag of one step, see `drag_springs.drag_springs`."""
     a = m.around
     around = Surroundings(
         a.friction, a.creep, a.pegs, a.contact, a.span, a.b, a.weight, a.walls, a.brake, tow

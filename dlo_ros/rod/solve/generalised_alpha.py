@@ -13,7 +13,7 @@ from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements import rod_forces
 from dlo_ros.rod.elements.constitutive_law import update_internal
 from dlo_ros.rod.elements.contact_and_friction import drag_along
-from dlo_ros.rod.elements.quadratic_drag import drag_springs
+from dlo_ros.rod.elements.drag_springs import drag_springs
 from dlo_ros.rod.elements.rod_tables import Material
 from dlo_ros.rod.solve import newton_in_lanes, newton_iteration
 from dlo_ros.rod.solve.constraints import back_substitute
@@ -87,7 +87,7 @@ def damped(system, k, imposed, state, h):
 
 @linked()
 def _quadratic_drag(rule, coefficient, state, h):
-    """Quadratic drag of a step of length h; see `quadratic_drag.drag_springs`."""
+    """Quadratic drag of a step of length h; see `drag_springs.drag_springs`."""
     there, speed, still = drag_prediction(
         state.q, state.velocity, state.acceleration, state.auxiliary, h
     )

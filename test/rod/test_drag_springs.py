@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from rods import PAPER
 
-from dlo_ros.rod.elements.quadratic_drag import add_springs, drag_springs
+from dlo_ros.rod.elements.drag_springs import add_springs, drag_springs
 from dlo_ros.rod.model import RodModel
 from dlo_ros.spline import SplineBasis
 
