@@ -211,9 +211,9 @@ class RodModel:
     def spreading(self) -> float:
         """How fast a bend spreads from a clamp, see `Command.corners` [m^2/s].
 
-        A turn of the end of a long beam by an angle has moved it by less than that angle times
-        sqrt(sqrt(B / m) t) after a time t, as its dimensions tell; B is its bending stiffness, m
-        its mass per length. Here it is taken to reach twice as far.
+        A turn of the end of a long beam by an angle has moved it by 0.63 times that angle times
+        sqrt(sqrt(B / m) t) after a time t, where most; B is its bending stiffness, m its mass per
+        length. Here it is taken to reach twice as far.
         """
         return 4.0 * float(np.sqrt(self.body.bend.max() / self.body.line_density))
 
