@@ -252,6 +252,7 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
         if not sentences and extends(found):
             beside = f"No cause is certain; the set-up{_within(found)} explains a part. The rest"
         sentences.append(f"{beside} ({_left(found)}) is explained by no cause that is known here.")
+        sentences += [_uncertain(e, length) for e in found.uncertain]
     return tuple(sentences)
 
 
@@ -320,6 +321,16 @@ def _cause(effect: NamedEffect, length: float) -> str:
     if effect.share == 0.0:
         text += " The simulation comes as near without it."
     return text
+
+
+def _uncertain(effect: NamedEffect, length: float) -> str:
+    """Sentence on a cause that may act."""
+    own, count = clause(effect.name, clear_side(effect)), 1 + len(effect.rivals)
+    numbers = f" ({values(effect, length)})" if effect.parameters else ""
+    what = f"one of these {COUNTS.get(count, str(count))}" if effect.rivals else "this"
+    share = f"{percent(effect.share)} of the error" if effect.share else "a part of it"
+    others = either([f"{own}{numbers}", *(clause(r) for r in effect.rivals)])
+    return f"Not certain, but {what} may be {share}: {others}."
 
 
 def _worse(found: Diagnosis) -> bool:

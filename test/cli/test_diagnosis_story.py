@@ -107,6 +107,19 @@ def test_what_nothing_explains_is_told_as_that():
     assert f"No cause is certain; the set-up, {beyond} explains a part." in answers(far)[1]
 
 
+def test_what_may_act_is_told_with_all_that_may_act_in_its_place():
+    (cause, *_) = case("unexplained").effects
+    fitted = case("unexplained", causes=(), setup=SETUP)
+    alone = replace(cause, share=0.2, rivals=(), rival_values={})
+    told = answers(replace(fitted, uncertain=(alone,)))[1]
+    assert "Not certain, but this may be 20 % of the error: " in told
+    several = replace(alone, share=None, rivals=("constant_force", "camera_rotation"))
+    told = answers(replace(fitted, uncertain=(several,)))[1]
+    assert "Not certain, but one of these three may be a part of it: " in told
+    assert told.endswith("; or the camera is turned against the board.")
+    assert "Not certain" not in answers(fitted)[1]
+
+
 def test_adequate_says_whether_it_is_as_good_as_matters():
     assert "agrees with the recordings; it is 0.15 mm" in headline(case("adequate", (), 1.5e-4))
     assert "no cause" in headline(case("adequate", (), 4e-3))

@@ -111,7 +111,9 @@ def test_an_added_cause_that_the_final_fit_denies_is_none(prepared):
     )
     found = Explanation(prepared.setup, final, causes, 1e-4, 1e-3, 1e-4, (proposal,), ())
     spread = final.posterior.covariance
-    assert [c.effect for c in still_certain(found, final, spread).causes] == ["clamp_angle"]
+    kept = still_certain(found, final, spread)
+    assert [c.effect for c in kept.causes] == ["clamp_angle"]
+    assert kept.uncertain == tuple(c for c in found.causes if c.effect != "clamp_angle") != ()
     # Of a cause that takes most of ERR away, the numbers alone are denied: a grip slips by another
     # length in each recording.
     most = replace(found, causes=(replace(causes[0], err=3.0 * final.mean_err), causes[1]))

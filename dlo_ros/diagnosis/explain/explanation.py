@@ -38,6 +38,8 @@ class Explanation:
         contact: what may have been hit; None: nothing.
         naming: function that gives the causes and the shifts without them, where they are not known
             yet: see `with_names`.
+        uncertain: causes that what was learned from shows, but all that may be learned from does
+            not show for certain, see `still_certain`.
     """
 
     setup: Evaluation
@@ -52,6 +54,7 @@ class Explanation:
     exact: bool = False
     contact: Contact | None = None
     naming: Naming | None = None
+    uncertain: tuple[Cause, ...] = ()
 
     def with_names(self) -> Explanation:
         """The explanation with its causes, which take many fits to be certain of.
@@ -88,7 +91,7 @@ def still_certain(found: Explanation, final: Evaluation, covariance: FloatArray)
     added = {g.effect for g in found.proposals if g.start is not None}
     most = {c.effect for c in found.causes if found.at.mean_err < FAR * c.err} & added
     kept = tuple(c for c in found.causes if sure & set(c.names) or c.effect in most)
-    return replace(found, causes=kept)
+    return replace(found, causes=kept, uncertain=tuple(c for c in found.causes if c not in kept))
 
 
 def _still(

@@ -153,6 +153,7 @@ class Diagnosis:
             neither E, mu nor a cause, by effect and key.
         systematic: errors of the measurement and of the model, by name.
         trace: every candidate of every step of the joint model's search.
+        uncertain: causes that not all recordings show for certain.
     """
 
     verdict: Verdict
@@ -173,3 +174,4 @@ class Diagnosis:
     setup: Mapping[str, SetupNumber] = field(default_factory=dict)
     systematic: Mapping[str, Number] = field(default_factory=dict)
     trace: tuple[Step, ...] = ()
+    uncertain: tuple[NamedEffect, ...] = ()

@@ -172,6 +172,7 @@ def joint_outcome(
         set_up_numbers(opened(at), found.causes, given, found.doubts),
         systematic_errors(at),
         found.trace,
+        tuple(_effect(c, final, given, missed) for c in found.uncertain),
     )
 
 
