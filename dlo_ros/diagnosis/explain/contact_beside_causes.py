@@ -58,9 +58,13 @@ def with_contact(
     bare = found.at if hit is None else without(found.at, hit, recordings)
     if bare is None:
         return found, None
-    contacts = _contacts(bare.model, others, given, recordings)
-    contact = best_contact(bare, recordings, contacts)
-    if contact is None or takes_little(contact.trial, bare, recordings):
+    contact = None
+    for model in (_with_causes_held(bare.model, others), bare.model):
+        contacts = _contacts(model, bare.model, given, recordings)
+        contact = best_contact(bare, recordings, contacts)
+        if contact is not None and not takes_little(contact.trial, bare, recordings):
+            break
+    else:
         return found, None
     at, peg = contact.trial
     more = search(at, neutral, recordings, begun, enough, present=(*others, peg))
@@ -74,17 +78,21 @@ def with_contact(
     return found, Contact.of((found.at, hit), (more.at, peg), as_near=near)
 
 
-def _contacts(
-    model: ParametricModel, causes: Sequence[Proposal], given: Settings,
-    recordings: Sequence[Recording],
-) -> list[ContactBesideSetUp]:  # fmt: skip
-    """Pegs and walls beside causes that stay what they are in undisturbed pictures.
-
-    Args:
-        model: the model with the causes.
-    """
+def _with_causes_held(model: ParametricModel, causes: Sequence[Proposal]) -> ParametricModel:
+    """A model whose causes stay what they are in undisturbed pictures."""
     of_causes = {p.name for c in causes for p in c.parameters}
     pairs = zip(model.parameters, model.theta(), strict=True)
-    held = model.with_prior([p.held(float(x)) for p, x in pairs if p.name in of_causes])
-    there = contacts_beside_set_up(recordings, given, held)
+    return model.with_prior([p.held(float(x)) for p, x in pairs if p.name in of_causes])
+
+
+def _contacts(
+    beside: ParametricModel, model: ParametricModel, given: Settings,
+    recordings: Sequence[Recording],
+) -> list[ContactBesideSetUp]:  # fmt: skip
+    """Pegs and walls beside the causes of a model.
+
+    Args:
+        beside: the model as it is fitted to undisturbed pictures.
+    """
+    there = contacts_beside_set_up(recordings, given, beside)
     return [replace(c, before=model.at(c.before.theta())) for c in there]
