@@ -58,7 +58,6 @@ def with_contact(
     bare = found.at if hit is None else without(found.at, hit, recordings)
     if bare is None:
         return found, None
-    contact = None
     for model in (_with_causes_held(bare.model, others), bare.model):
         contacts = _contacts(model, bare.model, given, recordings)
         contact = best_contact(bare, recordings, contacts)
