@@ -92,9 +92,10 @@ def search(
     """Add causes one by one, the one that raises the log evidence most first.
 
     The search ends with a cause, not the first one, that takes too little of ERR away to be named,
-    or where nothing is left that matters and no proposal takes more by its first steps. The laws of
-    the causes before it differ from the true ones; many effects can compensate for a little of that
-    difference, and none of them is its reason.
+    and without it if it cannot come nearer at all: then its fit has ended in a worse minimum. It
+    ends, too, where nothing is left that matters and no proposal takes more by its first steps. The
+    laws of the causes before it differ from the true ones; many effects can compensate for a little
+    of that difference, and none of them is its reason.
 
     Args:
         at: the joint model with its set-up within tolerance, fitted.
@@ -148,7 +149,8 @@ def search(
             first = None
         trace += steps
         _tell(steps)
-        little = takes_little(found, at, recordings)
+        over = left_over(found, at, recordings)
+        little = over > 1.0 - LOWERS
         if little and leaves_something(found[0] if found else at, recordings, enough):
             for group in _strained(at, causes, exchanged)[: EXCHANGES - len(exchanged)]:
                 exchanged.append(group.label)
@@ -160,6 +162,11 @@ def search(
                     little = False
                     break
         if found is None:
+            break
+        if little and causes and over > 1.0:
+            steps = [_compared(number, found, at, "returned: comes no nearer")]
+            trace += steps
+            _tell(steps)
             break
         if not causes:
             second = _second(trials, found, at)
@@ -256,13 +263,18 @@ def leaves_something(at: Evaluation, recordings: Sequence[Recording], enough: fl
     return at.mean_err > most and nearest_err(at, recordings) > most
 
 
-def takes_little(found: Trial | None, at: Evaluation, recordings: Sequence[Recording]) -> bool:
-    """Whether a trial comes too little nearer to the shapes than a model to be named."""
+def left_over(found: Trial | None, at: Evaluation, recordings: Sequence[Recording]) -> float:
+    """ERR to which a trial can come over that to which a model can; infinite without a trial."""
     if found is None:
-        return True
+        return np.inf
     here, there = (nearest_err(e, recordings) for e in (at, found[0]))
     LOG.info("%s: %.3f mm, %.3f mm without", found[1].label, 1e3 * there, 1e3 * here)
-    return there > (1.0 - LOWERS) * here
+    return there / here
+
+
+def takes_little(found: Trial | None, at: Evaluation, recordings: Sequence[Recording]) -> bool:
+    """Whether a trial comes too little nearer to the shapes than a model to be named."""
+    return left_over(found, at, recordings) > 1.0 - LOWERS
 
 
 def bears_a_share(at: Evaluation, bare: Evaluation, least: float) -> bool:
