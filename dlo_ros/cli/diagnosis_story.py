@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,14 +17,12 @@ from dlo_ros.cli.diagnosis_words import (
     title,
     values,
 )
+from dlo_ros.cli.error_places import places, spread
 from dlo_ros.cli.set_up_table import is_far_off, labels_of, set_up_is_off, setup_lines
-from dlo_ros.diagnosis import Diagnosis, NamedEffect, RecordingView
+from dlo_ros.diagnosis import Diagnosis, NamedEffect
 from dlo_ros.identification.identifiability import enumerated
-from dlo_ros.inference.weighted_quantiles import weighted_quantiles
 from dlo_ros.report.diagnosis_content import Question, SetupRow
 from dlo_ros.report.elements import measured, number
-from dlo_ros.report.worst_frame import is_lasting, worst_err, worst_frame
-from dlo_ros.spline import FloatArray, SplineBasis
 
 QUESTION_ERROR = "How wrong is my simulation?"
 QUESTION_CAUSE = "Why?"
@@ -33,16 +30,6 @@ QUESTION_GAIN = "What do I gain?"
 RIVALS_NAMED = 2
 """Rivals that the headline names."""
 COUNTS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
-UNEVEN_ERROR = 1.3
-"""Error at the worst over its mean, from which the place and the time are stated."""
-LEAST_PICTURES = 20
-"""Pictures of which nine of ten are a statement: fewer have no 5 % that lie outside."""
-STATIONS = 41
-"""Places along the DLO at which the error is looked at."""
-AT_END, NEAR_END, NEAR_MIDDLE = 0.01, 0.15, 0.1
-"""Shares of the length within which a place is at an end, near an end, or near the middle."""
-
-
 OVERLAP = (
     "A share is how much of the error comes back where that cause alone is left out and the rest "
     "is fitted again. Causes can stand in for one another, so shares need not add up to 100 %."
@@ -153,75 +140,13 @@ def _how_wrong(found: Diagnosis, length: float) -> tuple[str, ...]:
         f"({number(100.0 * err / length, digits=2)} % of the length), on {where}."
     ]
     if not _immaterial(found):  # where an error is that does not matter does not matter either
-        sentences += [*_spread(found), *_places(found.views, length)]
+        sentences += [*spread(found.views), *places(found.views, length)]
     if found.noise_floor is not None:
         words = f"The measurement itself is about {mm(found.noise_floor)} off"
         if found.material_err is not None:
             words += f"; less than {mm(found.material_err)} does not matter here"
         sentences.append(f"{words}.")
     return tuple(sentences)
-
-
-def _spread(found: Diagnosis) -> list[str]:
-    """Sentence on the error in most pictures, all recordings counting the same, as in the mean."""
-    errors = [v.err_before[is_lasting(v.err_before)] for v in found.views]
-    if sum(map(len, errors)) < LEAST_PICTURES:
-        return []
-    weights = np.concatenate([np.full(len(e), 1.0 / (len(e) * len(errors))) for e in errors])
-    low, high = weighted_quantiles(np.concatenate(errors), weights, (0.05, 0.95))
-    if high < UNEVEN_ERROR * low:
-        return []
-    where = "all recordings" if len(errors) > 1 else "the whole recording"
-    return [
-        f"In nine of ten pictures of {where}, those that it was fitted to included, it is between "
-        f"{mm(float(low))} and {mm(float(high))} off."
-    ]
-
-
-def _places(views: Sequence[RecordingView], length: float) -> list[str]:
-    """Sentence on the places and times of the plain model's error."""
-    if not views:
-        return []
-    squares = [distances(v, length)[is_lasting(v.err_before)] ** 2 for v in views]
-    along = np.sqrt(np.mean([np.mean(s, axis=0) for s in squares], axis=0))
-    u = np.linspace(0.0, length, STATIONS)
-    k = int(np.argmax(along))
-    sentences = []
-    if along[k] > UNEVEN_ERROR * along.mean():
-        sentences.append(
-            f"Along the DLO it is most wrong {_place(u[k] / length)} (at {1e3 * u[k]:.0f} of "
-            f"{1e3 * length:.0f} mm from the start), by {mm(float(along[k]))} (root mean square)."
-        )
-    else:
-        sentences.append("It is about as wrong all along the DLO.")
-    worst = max(views, key=lambda v: worst_err(v.err_before))
-    frame = worst_frame(worst.err_before)
-    error = float(worst.err_before[frame])
-    means = [float(v.err_before.mean()) for v in views]
-    if error > UNEVEN_ERROR * np.mean(means):
-        at = [f"in {worst.name}"] if len(views) > 1 else []
-        if error > UNEVEN_ERROR * worst.err_before.mean():
-            at.append(f"{worst.times[frame]:.1f} s after the beginning")
-        sentences.append(f"It is worst {', '.join(at)}: by {mm(error)} on average along the DLO.")
-    return sentences
-
-
-def distances(view: RecordingView, length: float) -> FloatArray:
-    """Distance between the observed and the plain model's DLO [m], shape (F, STATIONS)."""
-    basis = SplineBasis(view.observed.shape[1], length)
-    values = basis.matrix(np.linspace(0.0, length, STATIONS))
-    apart = values @ (view.observed[:, :, :3] - view.before[:, :, :3])
-    return np.asarray(np.linalg.norm(apart, axis=2))
-
-
-def _place(share: float) -> str:
-    """A place along the DLO, in words."""
-    for end, away in (("start", share), ("end", 1.0 - share)):
-        if away < NEAR_END:
-            return f"{'at' if away < AT_END else 'near'} the {end}"
-    if abs(share - 0.5) < NEAR_MIDDLE:
-        return "near the middle"
-    return "in the first half" if share < 0.5 else "in the second half"
 
 
 def _why(found: Diagnosis) -> tuple[str, ...]:
@@ -252,7 +177,7 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
         if not sentences and extends(found):
             beside = f"No cause is certain; the set-up{_within(found)} explains a part. The rest"
         sentences.append(f"{beside} ({_left(found)}) is explained by no cause that is known here.")
-        sentences += [_uncertain(e, length) for e in found.uncertain]
+        sentences += _uncertain(found, length)
     return tuple(sentences)
 
 
@@ -303,19 +228,14 @@ def _left(found: Diagnosis) -> str:
 
 
 def _cause(effect: NamedEffect, length: float) -> str:
-    own = clause(effect.name, clear_side(effect))
-    numbers = f" ({values(effect, length)})" if effect.parameters else ""
     share = f" ({percent(effect.share)} of the error)" if effect.share else ""
+    text = f"Certain{share}: "
     if effect.rivals:
-        things = 1 + len(effect.rivals)
-        count = COUNTS.get(things, str(things))
-        rest = either([clause(r) for r in effect.rivals])
         text = (
-            f"One of these {count} is certain{share}, but the data do not determine which: "
-            f"{own}{numbers}; or {rest}."
+            f"One of these {_count(effect)} is certain{share}, "
+            "but the data do not determine which: "
         )
-    else:
-        text = f"Certain{share}: {own}{numbers}."
+    text += f"{_with_rivals(effect, length)}."
     if not is_sized(effect, length):
         text += f" {UNSIZED}"
     if effect.share == 0.0:
@@ -323,14 +243,34 @@ def _cause(effect: NamedEffect, length: float) -> str:
     return text
 
 
-def _uncertain(effect: NamedEffect, length: float) -> str:
-    """Sentence on a cause that may act."""
-    own, count = clause(effect.name, clear_side(effect)), 1 + len(effect.rivals)
+def _uncertain(found: Diagnosis, length: float) -> list[str]:
+    """Sentences on causes that may act, the largest share first, with what may act in their place.
+
+    Of rivals of one another the first tells both.
+    """
+    told: set[str] = set()
+    sentences = []
+    for effect in sorted(found.uncertain, key=lambda e: -(e.share or 0.0)):
+        if effect.name in told:
+            continue
+        told |= {effect.name, *effect.rivals}
+        what = f"one of these {_count(effect)}" if effect.rivals else "this"
+        share = f"{percent(effect.share)} of the error" if effect.share else "a part of it"
+        sentences.append(f"Not certain, but {what} may be {share}: {_with_rivals(effect, length)}.")
+    return sentences
+
+
+def _with_rivals(effect: NamedEffect, length: float) -> str:
+    """What a cause does, with its numbers, and what its rivals do."""
     numbers = f" ({values(effect, length)})" if effect.parameters else ""
-    what = f"one of these {COUNTS.get(count, str(count))}" if effect.rivals else "this"
-    share = f"{percent(effect.share)} of the error" if effect.share else "a part of it"
-    others = either([f"{own}{numbers}", *(clause(r) for r in effect.rivals)])
-    return f"Not certain, but {what} may be {share}: {others}."
+    own = f"{clause(effect.name, clear_side(effect))}{numbers}"
+    return either([own, *(clause(r) for r in effect.rivals)])
+
+
+def _count(effect: NamedEffect) -> str:
+    """Number of a cause and its rivals, in words."""
+    count = 1 + len(effect.rivals)
+    return COUNTS.get(count, str(count))
 
 
 def _worse(found: Diagnosis) -> bool:

@@ -117,6 +117,8 @@ def test_what_may_act_is_told_with_all_that_may_act_in_its_place():
     told = answers(replace(fitted, uncertain=(several,)))[1]
     assert "Not certain, but one of these three may be a part of it: " in told
     assert told.endswith("; or the camera is turned against the board.")
+    turned = replace(several, name="camera_rotation", parameters={}, rivals=(several.name,))
+    assert answers(replace(fitted, uncertain=(several, turned)))[1] == told
     assert "Not certain" not in answers(fitted)[1]
 
 

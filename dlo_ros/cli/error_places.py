@@ -1,0 +1,85 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Sentences on how large a simulation's error is, and where and when it is largest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dlo_ros.cli.diagnosis_words import mm
+from dlo_ros.diagnosis import RecordingView
+from dlo_ros.inference.weighted_quantiles import weighted_quantiles
+from dlo_ros.report.worst_frame import is_lasting, worst_err, worst_frame
+from dlo_ros.spline import FloatArray, SplineBasis
+
+UNEVEN_ERROR = 1.3
+"""Error at the worst over its mean, from which the place and the time are stated."""
+LEAST_PICTURES = 20
+"""Pictures of which nine of ten are a statement: fewer have no 5 % that lie outside."""
+STATIONS = 41
+"""Places along the DLO at which the error is looked at."""
+AT_END, NEAR_END, NEAR_MIDDLE = 0.01, 0.15, 0.1
+"""Shares of the length within which a place is at an end, near an end, or near the middle."""
+
+
+def spread(views: Sequence[RecordingView]) -> list[str]:
+    """Sentence on the error in most pictures, all recordings counting the same, as in the mean."""
+    errors = [v.err_before[is_lasting(v.err_before)] for v in views]
+    if sum(map(len, errors)) < LEAST_PICTURES:
+        return []
+    weights = np.concatenate([np.full(len(e), 1.0 / (len(e) * len(errors))) for e in errors])
+    low, high = weighted_quantiles(np.concatenate(errors), weights, (0.05, 0.95))
+    if high < UNEVEN_ERROR * low:
+        return []
+    where = "all recordings" if len(errors) > 1 else "the whole recording"
+    return [
+        f"In nine of ten pictures of {where}, those that it was fitted to included, it is between "
+        f"{mm(float(low))} and {mm(float(high))} off."
+    ]
+
+
+def places(views: Sequence[RecordingView], length: float) -> list[str]:
+    """Sentence on the places and times of the plain model's error."""
+    if not views:
+        return []
+    squares = [_distances(v, length)[is_lasting(v.err_before)] ** 2 for v in views]
+    along = np.sqrt(np.mean([np.mean(s, axis=0) for s in squares], axis=0))
+    u = np.linspace(0.0, length, STATIONS)
+    k = int(np.argmax(along))
+    sentences = []
+    if along[k] > UNEVEN_ERROR * along.mean():
+        sentences.append(
+            f"Along the DLO it is most wrong {_place(u[k] / length)} (at {1e3 * u[k]:.0f} of "
+            f"{1e3 * length:.0f} mm from the start), by {mm(float(along[k]))} (root mean square)."
+        )
+    else:
+        sentences.append("It is about as wrong all along the DLO.")
+    worst = max(views, key=lambda v: worst_err(v.err_before))
+    frame = worst_frame(worst.err_before)
+    error = float(worst.err_before[frame])
+    means = [float(v.err_before.mean()) for v in views]
+    if error > UNEVEN_ERROR * np.mean(means):
+        at = [f"in {worst.name}"] if len(views) > 1 else []
+        if error > UNEVEN_ERROR * worst.err_before.mean():
+            at.append(f"{worst.times[frame]:.1f} s after the beginning")
+        sentences.append(f"It is worst {', '.join(at)}: by {mm(error)} on average along the DLO.")
+    return sentences
+
+
+def _distances(view: RecordingView, length: float) -> FloatArray:
+    """Distance between the observed and the plain model's DLO [m], shape (F, STATIONS)."""
+    basis = SplineBasis(view.observed.shape[1], length)
+    values = basis.matrix(np.linspace(0.0, length, STATIONS))
+    apart = values @ (view.observed[:, :, :3] - view.before[:, :, :3])
+    return np.asarray(np.linalg.norm(apart, axis=2))
+
+
+def _place(share: float) -> str:
+    """A place along the DLO, in words."""
+    for end, away in (("start", share), ("end", 1.0 - share)):
+        if away < NEAR_END:
+            return f"{'at' if away < AT_END else 'near'} the {end}"
+    if abs(share - 0.5) < NEAR_MIDDLE:
+        return "near the middle"
+    return "in the first half" if share < 0.5 else "in the second half"
