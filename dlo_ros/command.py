@@ -217,9 +217,9 @@ class Command:
 
     @cached_property
     def _kinks(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What makes a kink at each point, shape (T,).
+        """The kink at each point, shape (T,).
 
-        They are its distances from a smooth motion, in m and rad, and the time to the nearer one of
+        That is its distances from a smooth motion, in m and rad, and the time to the nearer one of
         its neighbours [s].
         """
         h = np.diff(self.times)

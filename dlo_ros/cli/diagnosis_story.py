@@ -261,7 +261,7 @@ def _uncertain(found: Diagnosis, length: float) -> list[str]:
 
 
 def _with_rivals(effect: NamedEffect, length: float) -> str:
-    """What a cause does, with its numbers, and what its rivals do."""
+    """The clause of a cause with its numbers, and those of its rivals."""
     numbers = f" ({values(effect, length)})" if effect.parameters else ""
     own = f"{clause(effect.name, clear_side(effect))}{numbers}"
     return either([own, *(clause(r) for r in effect.rivals)])

@@ -32,14 +32,21 @@ def led(points, *, velocities=True, turning=0.0):
     return replace(imposed, rotations=rotations, velocities=moving)
 
 
-def _bow(model, flat):
-    """Control points from which the rod settles between its ends, (n, 4)."""
+def followed(monkeypatch, settings, imposed, stamps, flat):
+    """The motion, and that in which each point ends a step, which are the same."""
+    model, boundary = build(settings, imposed, 14)
     shape = np.zeros((model.basis.control_points, 4))
     u = model.basis.greville / LENGTH
     shape[:, 0], shape[:, 2] = 0.75 * LENGTH * u, -0.3 * LENGTH * np.sin(np.pi * u)
     if not flat:
         shape[:, 1] = 0.02 * LENGTH * np.sin(np.pi * u)
-    return shape
+    start = settle(model, boundary, rest_state(0, shape, model), imposed, 0).state
+    found = dynamics.follow(model, boundary, start, imposed, stamps)
+    monkeypatch.setattr(Command, "corners", lambda command, *_: command.times)
+    exact = dynamics.follow(model, boundary, start, imposed, stamps)
+    off = np.linalg.norm((found.shapes - exact.shapes)[..., :3], axis=2)
+    assert off.max() < 1e-3 * LENGTH
+    return found, exact
 
 
 def test_a_polyline_has_corners_where_it_is_far_from_a_smooth_curve():
@@ -73,15 +80,8 @@ def test_a_clamp_that_trembles_in_a_recording_needs_few_steps(monkeypatch, flat)
     half = 1e-3 * np.random.default_rng(4).normal(size=101)
     rotations[:, 0] = np.stack([0.0 * half, np.sin(half), 0.0 * half, np.cos(half)], axis=1)
     imposed = replace(imposed, rotations=rotations)
-    model, boundary = build(settings, imposed, 14)
-    start = settle(model, boundary, rest_state(0, _bow(model, flat), model), imposed, 0).state
-    stamps = [SECOND // 2, SECOND]
-    found = dynamics.follow(model, boundary, start, imposed, stamps)
-    monkeypatch.setattr(Command, "corners", lambda command, *_: command.times)
-    exact = dynamics.follow(model, boundary, start, imposed, stamps)
+    found, exact = followed(monkeypatch, settings, imposed, [SECOND // 2, SECOND], flat)
     assert found.steps < 0.8 * exact.steps
-    off = np.linalg.norm((found.shapes - exact.shapes)[..., :3], axis=2)
-    assert off.max() < 1e-3 * LENGTH
 
 
 def test_a_single_point_is_no_corner():
@@ -96,15 +96,9 @@ def test_a_path_of_a_thousand_points_needs_few_steps(monkeypatch, velocities, fl
     """As where each of its points ends a step, within what a step may add."""
     settings = replace(PAPER, simulation=replace(PAPER.simulation, tolerance=1e-3))
     imposed = led(1001, velocities=velocities, turning=0.3)
-    model, boundary = build(settings, imposed, 14)
-    start = settle(model, boundary, rest_state(0, _bow(model, flat), model), imposed, 0).state
     stamps = [SECOND // 4, SECOND]
-    found = dynamics.follow(model, boundary, start, imposed, stamps)
-    monkeypatch.setattr(Command, "corners", lambda command, *_: command.times)
-    exact = dynamics.follow(model, boundary, start, imposed, stamps)
+    found, exact = followed(monkeypatch, settings, imposed, stamps, flat)
     assert found.steps < 0.3 * exact.steps
-    off = np.linalg.norm((found.shapes - exact.shapes)[..., :3], axis=2)
-    assert off.max() < 1e-3 * LENGTH
     np.testing.assert_allclose(
         found.shapes[0, 0, :3], imposed.sample(stamps[0])[0][0], rtol=0.0, atol=1e-9
     )

@@ -108,7 +108,7 @@ def _draft(
 def _wrong(
     draft: Recording, fine: Sequence[FloatArray], models: Sequence[ParametricModel]
 ) -> Sequence[FloatArray]:
-    """What a draft does wrong with each model [m], shape (F, n, 3)."""
+    """The error of a draft with each model [m], shape (F, n, 3)."""
     return [
         simulate(model, [draft], ()).predicted[0][..., :3] - right
         for model, right in zip(models, fine, strict=True)
@@ -116,7 +116,7 @@ def _wrong(
 
 
 def _unforeseen(off: Sequence[FloatArray]) -> FloatArray:
-    """What a draft does wrong with the last model, (F, n, 3) [m], and not with the one before."""
+    """The error of a draft with the last model, (F, n, 3) [m], less that with the one before."""
     return off[0] if len(off) == 1 else off[1] - off[0]
 
 
