@@ -220,7 +220,7 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
                 tuple(FoundParameter(*row) for row in rows(e, length)),
                 tuple(map(title, e.rivals)),
             )
-            for e in by_share(found)
+            for e in by_share(found.effects)
         ),
         tuple(
             MaterialRow(words, unit, getattr(found.baseline, name), getattr(found.extended, name))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,9 +78,9 @@ def story(found: Diagnosis, length: float, file: str) -> Story:
     )
 
 
-def by_share(found: Diagnosis) -> list[NamedEffect]:
-    """The named causes, the one with the largest share of the error first."""
-    return sorted(found.effects, key=lambda e: -(e.share or 0.0))
+def by_share(causes: Sequence[NamedEffect]) -> list[NamedEffect]:
+    """Causes, the one with the largest share of the error first."""
+    return sorted(causes, key=lambda e: -(e.share or 0.0))
 
 
 def extends(found: Diagnosis) -> bool:
@@ -90,7 +91,7 @@ def extends(found: Diagnosis) -> bool:
 def headline(found: Diagnosis) -> str:
     """The result in a sentence."""
     err = _error(found)
-    causes = enumerated([_short(e) for e in by_share(found)])
+    causes = enumerated([_short(e) for e in by_share(found.effects)])
     off = "The simulation is off" if err is None else f"The simulation is {mm(err)} off"
     if found.verdict == "adequate":
         if _immaterial(found):
@@ -151,7 +152,7 @@ def _how_wrong(found: Diagnosis, length: float) -> tuple[str, ...]:
 
 def _why(found: Diagnosis) -> tuple[str, ...]:
     length = found.extended.settings.rod.length
-    order = by_share(found)
+    order = by_share(found.effects)
     sentences = [_cause(e, length) for e in order]
     if sum(e.share is not None for e in order) > 1:
         sentences.append(OVERLAP)
@@ -250,7 +251,7 @@ def _uncertain(found: Diagnosis, length: float) -> list[str]:
     """
     told: set[str] = set()
     sentences = []
-    for effect in sorted(found.uncertain, key=lambda e: -(e.share or 0.0)):
+    for effect in by_share(found.uncertain):
         if effect.name in told:
             continue
         told |= {effect.name, *effect.rivals}
@@ -320,7 +321,7 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
         )
         return tuple(sentences)
     sentences.append(f"{load}: it holds {what}, and E/mu = {known}.")
-    open_ = [title(e.name) for e in by_share(found) if e.rivals]
+    open_ = [title(e.name) for e in by_share(found.effects) if e.rivals]
     if open_:
         sentences.append(
             f"Of causes that the data do not tell apart it holds the first: {enumerated(open_)}."

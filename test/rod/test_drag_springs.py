@@ -28,9 +28,7 @@ def across(rule, q, velocity, still, rate):
     dof = q.shape[1]
     axes = [0, 1] if dof == 2 else [0, 1, 2]
     result = np.zeros_like(q)
-    for _e, (span, b, b1, weight) in enumerate(
-        zip(rule.span, rule.b, rule.b1, rule.weight, strict=True)
-    ):
+    for span, b, b1, weight in zip(rule.span, rule.b, rule.b1, rule.weight, strict=True):
         rows = slice(span, span + 4)
         tangent = b1 @ q[rows, axes]
         tangent /= np.linalg.norm(tangent)

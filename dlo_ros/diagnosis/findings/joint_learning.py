@@ -129,26 +129,21 @@ def training_set(
     held_out = holdout.held_out_recording(recordings) if spare else None
     chosen = [k for k in range(count) if k != held_out]
     learned = [recordings[k] for k in chosen]
-    if beginning.near is None:
-        at = beginning.at.of(chosen)
-        rough = drafts(learned, at)
-    else:
-        at = beginning.near.of(chosen)
-        rough = _drafts_beside(learned, at)
-    rough = with_short_steps(rough, at)
+    at = (beginning.near or beginning.at).of(chosen)
+    beside = None if beginning.near is None else _beside(at, learned)
+    rough = with_short_steps(drafts(learned, at, beside), at)
     prepared = _with_reliable_drafts(prepare(rough, plain, given), learned)
     steps = with_steps_instead_of_plain(prepared.recordings, prepared.setup)
     prepared = replace(prepared, recordings=steps)
     return TrainingSet(recordings, count, held_out, prepared)
 
 
-def _drafts_beside(learned: Sequence[Recording], near: Simulated) -> tuple[Recording, ...]:
-    """Drafts for fits that go on from a model that comes near."""
+def _beside(near: Simulated, learned: Sequence[Recording]) -> Simulated | None:
+    """A model beside one that comes near, see `STIFFER`; None where it cannot be simulated."""
     try:
-        beside = simulate(near.model.stiffened(STIFFER), learned, ())
+        return simulate(near.model.stiffened(STIFFER), learned, ())
     except SimulationError:
-        beside = None
-    return drafts(learned, near, beside)
+        return None
 
 
 def _with_reliable_drafts(prepared: Prepared, learned: Sequence[Recording]) -> Prepared:
