@@ -37,6 +37,13 @@ def accuracy(models: Sequence[RodModel]) -> tuple[float, float]:
     return step, max(newton, ROUNDING * length)
 
 
+def corners_of(models: Sequence[RodModel], command: Command) -> FloatArray:
+    """Times [s] at which a command, with all effects applied, ends a step of rods (T,)."""
+    length = models[0].basis.length
+    size = min(m.settings.simulation.tolerance for m in models) * length
+    return command.corners(size, length, max(m.spreading for m in models))
+
+
 @dataclass(frozen=True)
 class Track:
     """A simulated motion.
@@ -89,9 +96,8 @@ def integrate(
     twists = np.empty((0, 0) if flat else (len(times), len(moving.stretch)))
     derivatives = np.empty((len(times), len(parameters), *moving.q.shape))
     length = model.basis.length
-    allowed = model.settings.simulation.tolerance * length
     tolerance, newton = accuracy([model])
-    corners = true.corners(allowed, length, model.spreading)
+    corners = corners_of([model], true)
     if stepwise:
         corners = np.union1d(corners, times)
     status, steps = adaptive_integration.march(

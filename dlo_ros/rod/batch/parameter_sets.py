@@ -62,7 +62,6 @@ class ParameterSets:
         self.models, self.boundary = tuple(models), boundary
         self._check()
         self._layouts: dict[bool, Layout] = {}
-        self._tolerance = min(m.settings.simulation.tolerance for m in self.models)
 
     def _check(self) -> None:
         if not self.models:
@@ -137,9 +136,7 @@ class ParameterSets:
         velocities = rows(len(clock), len(times) if speeds else 0, layout.place[1])
         status = np.empty((len(clock), 2), np.int64)
         twists = rows(len(clock), len(times), 0 if flat else len(states[0].strains.stretch))
-        corners = command.corners(
-            self._tolerance * length, length, max(m.spreading for m in self.models)
-        )
+        corners = integration.corners_of(self.models, command)
         march(
             layout.sets, layout.tables, self.boundary.imposed(command), frames, motion,
             layout.place, layout.room, clock, self.boundary.reach * lengthening, length, corners,

@@ -17,7 +17,7 @@ from dlo_ros.rod.batch.single_rod import StackedState
 from dlo_ros.rod.boundary.imposed_motion import NO_DIRECTION_TEXT, Boundary
 from dlo_ros.rod.compiled_rod import Compiled
 from dlo_ros.rod.elements.rod_tables import DOF, Reference
-from dlo_ros.rod.integration import Track, accuracy
+from dlo_ros.rod.integration import Track, accuracy, corners_of
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
 from dlo_ros.rod.simd.eight_lanes import rows
@@ -80,8 +80,7 @@ class RodInLanes:
             v.frames[...], v.increments[...] = before.frames, 0.0
             changed = _copied(before)
         length = self._model.basis.length
-        allowed = self._model.settings.simulation.tolerance * length
-        corners = command.corners(allowed, length, self._model.spreading)
+        corners = corners_of([self._model], command)
         if stepwise:
             corners = np.union1d(corners, times)
         status, steps = single_rod.march(
