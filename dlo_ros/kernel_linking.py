@@ -69,12 +69,20 @@ class LinkedKernel:
 
         Where another process is compiling the same, its result is awaited. As there is no
         recursion, no two processes wait for each other.
+
+        Raises:
+            TypeError: it returns a tuple that it was lent, see `kernel_arguments.whole`.
         """
+        from dlo_ros.kernel_arguments import is_lent
+
         overloads = self._dispatcher.overloads
         if types not in overloads:
             with _alone(self._symbol(types)):
                 self._dispatcher.compile(types)
-        return overloads[types].signature
+        signature = overloads[types].signature
+        if is_lent(signature.return_type):
+            raise TypeError(f"{self.py_func.__name__} returns what it was lent without `whole`")
+        return signature
 
     def link(self, types: tuple[Any, ...]) -> str:
         """Make the machine code for types of arguments known to others; returns its symbol."""
@@ -144,8 +152,11 @@ def _register(kernel: LinkedKernel) -> None:
     """Register a kernel's type with numba, and the way to call it."""
     from numba import types
     from numba.core import cgutils, imputils
+    from numba.core.typing import signature as signature_of
     from numba.core.typing.templates import AbstractTemplate, infer_global
     from numba.extending import lower_builtin
+
+    from dlo_ros.kernel_arguments import handed_over, has_arrays, lent
 
     _kernels[kernel.py_func.__module__, kernel.py_func.__name__] = kernel
     name = f"{kernel.py_func.__module__}.{kernel.py_func.__name__}"
@@ -153,49 +164,26 @@ def _register(kernel: LinkedKernel) -> None:
     @infer_global(kernel, typing_key=name)
     class Template(AbstractTemplate):  # type: ignore[misc]  # numba carries no types
         def generic(self, args: Any, kws: Any) -> Any:
-            return None if kws else kernel.signature(tuple(args))
+            if kws:
+                return None
+            return signature_of(kernel.signature(tuple(map(lent, args))).return_type, *args)
 
     @lower_builtin(name, types.VarArg(types.Any))  # type: ignore[untyped-decorator]
     def call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        symbol = kernel.link(tuple(signature.args))
+        kinds, result_kind = tuple(map(lent, signature.args)), signature.return_type
+        symbol = kernel.link(kinds)
         convention = context.call_conv
-        kind = convention.get_function_type(signature.return_type, signature.args)
-        function = cgutils.get_or_insert_function(builder.module, kind, symbol)
-        if not _keeps(signature.return_type):
-            # Nothing comes back that could refer to them, so that the caller's own references do.
-            pairs = zip(signature.args, arguments, strict=True)
-            arguments = [_lent(context, builder, kind, value) for kind, value in pairs]
-        status, result = convention.call_function(
-            builder, function, signature.return_type, signature.args, arguments
+        function = cgutils.get_or_insert_function(
+            builder.module, convention.get_function_type(result_kind, kinds), symbol
         )
+        counted = has_arrays(result_kind)
+        arguments = [
+            handed_over(context, builder, kind, value, counted=counted)
+            for kind, value in zip(signature.args, arguments, strict=True)
+        ]
+        status, result = convention.call_function(builder, function, result_kind, kinds, arguments)
         with cgutils.if_unlikely(builder, status.is_error):
             convention.return_status_propagate(builder, status)
-        link = Link(kernel.py_func.__module__, kernel.py_func.__name__, tuple(signature.args))
+        link = Link(kernel.py_func.__module__, kernel.py_func.__name__, kinds)
         context.active_code_library._reload_init.add(link)
         return imputils.fix_returning_optional(context, builder, signature, status, result)
-
-
-def _keeps(kind: Any) -> bool:
-    """Whether a value of a type may refer to an array."""
-    from numba import types
-
-    if isinstance(kind, types.BaseTuple):
-        return any(_keeps(part) for part in kind)
-    return isinstance(kind, types.Array)
-
-
-def _lent(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """A value whose arrays are not owned: whoever has them need not count references."""
-    from llvmlite import ir
-    from numba import types
-
-    if isinstance(kind, types.Array):
-        array = context.make_array(kind)(context, builder, value)
-        array.meminfo = ir.Constant(array.meminfo.type, None)
-        return array._getvalue()
-    if isinstance(kind, types.BaseTuple):
-        for k, part in enumerate(kind):
-            if _keeps(part):
-                old = builder.extract_value(value, k)
-                value = builder.insert_value(value, _lent(context, builder, part, old), k)
-    return value

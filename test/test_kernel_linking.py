@@ -64,7 +64,9 @@ assert large.first.sum() == 199e3 + 1e3 * float(sys.argv[1])
 def package(tmp_path):
     folder = tmp_path / "dlo_ros"
     folder.mkdir()
-    for name in ("__init__.py", "errors.py", "kernel_cache.py", "kernel_linking.py"):
+    for name in (
+        "__init__.py", "errors.py", "kernel_arguments.py", "kernel_cache.py", "kernel_linking.py"
+    ):  # fmt: skip
         shutil.copy(ROOT / "dlo_ros" / name, folder)
     (folder / "inner.py").write_text(INNER.format(more="0.0"))
     (folder / "outer.py").write_text(OUTER)
@@ -140,7 +142,7 @@ def compiled_functions():
     """Decorator and called functions of each compiled function, (module, name)."""
     result = {}
     for path in (ROOT / "dlo_ros").rglob("*.py"):
-        if path.name in ("kernel_cache.py", "kernel_linking.py"):
+        if path.name in ("kernel_arguments.py", "kernel_cache.py", "kernel_linking.py"):
             continue
         module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
         tree = ast.parse(path.read_text())

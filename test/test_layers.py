@@ -15,6 +15,7 @@ LAYERS = (
     ("kernel_parts", "own_process"),
     ("kernel_cache",),
     ("dependencies", "logs"),
+    ("kernel_arguments",),
     ("kernel_linking",),
     ("compilation",),
     ("__init__", "spline", "file_parameter", "interpolation", "share", "files", "plugins"),

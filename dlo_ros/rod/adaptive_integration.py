@@ -62,11 +62,23 @@ def march(
     Returns:
         Status and the steps taken.
     """
-    system, imposed = rod.system, rod.imposed
-    steps, count, k = 0, derivatives.shape[1], 0
-    new, lanes, pace = another(state), lane_addresses(rod.lanes), np.array(UNKNOWN_PACE)
-    clock = state.clock
-    d_before, d_speed = varying.q.copy(), varying.velocity.copy()
+    return _march(
+        rod.system, rod.imposed, lane_addresses(rod.lanes), state, another(state), corners, stops,
+        tolerance, newton, varying, shapes, speeds, twists, derivatives,
+    )  # fmt: skip
+
+
+@linked()
+def _march(system, imposed, lanes, state, new, corners, stops, tolerance, newton, varying, shapes,
+           speeds, twists, derivatives):  # fmt: skip
+    """See `march`.
+
+    Args:
+        lanes: addresses, see `newton_in_lanes`.
+        new: room for a state.
+    """
+    steps, count, k, pace = 0, derivatives.shape[1], 0, np.array(UNKNOWN_PACE)
+    clock, d_before, d_speed = state.clock, varying.q.copy(), varying.velocity.copy()
     while k < stops.size and stops[k] <= clock[TIME] + SAME_INSTANT:
         _at_end(state, varying, shapes[k], speeds[k], twists[k], derivatives[k])
         k += 1

@@ -185,7 +185,7 @@ def _add_span(q, tables, law, scratch, span, tension, first):
             pair += 1
 
 
-@njit(from_python=False)
+@linked()
 def gathered_law(lanes, group, law, first, bends):
     """Law of a group's spans in lanes, at rows of `SpanLanes.work` from the given one on.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from dlo_ros.kernel_arguments import whole
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements.rod_tables import (
@@ -139,6 +140,6 @@ def grown_rates(system, varying, factor):
 def with_rates(v, rates):
     """The derivatives of the same state, with others of the rod's numbers."""
     return SensitivityState(
-        v.step, v.moves, rates, v.kind, v.q, v.velocity, v.acceleration, v.auxiliary, v.reference,
-        v.frames, v.stretch, v.stretch_before, v.other, v.other_before, v.internal,
+        v.step, v.moves, whole(rates), v.kind, v.q, v.velocity, v.acceleration, v.auxiliary,
+        v.reference, v.frames, v.stretch, v.stretch_before, v.other, v.other_before, v.internal,
     )  # fmt: skip

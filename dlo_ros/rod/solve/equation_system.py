@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dlo_ros.kernel_arguments import whole
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.boundary.conditions import Imposed, impose
@@ -137,7 +138,7 @@ def material_at_rest(system, k, factor, internal):
             a.friction[k], a.creep[k], a.pegs[k], a.contact[k], a.span, a.b, a.weight, a.walls[k],
             a.brake[k], no_springs(),
         ),
-        internal, 0.0, 0.0,
+        whole(internal), 0.0, 0.0,
     )  # fmt: skip
 
 
@@ -186,8 +187,9 @@ def with_quadratic_drag(m, tow):
     """The material with the quadratic drag of one step, see `drag_springs.drag_springs`."""
     a = m.around
     around = Surroundings(
-        a.friction, a.creep, a.pegs, a.contact, a.span, a.b, a.weight, a.walls, a.brake, tow
-    )
+        a.friction, a.creep, a.pegs, a.contact, a.span, a.b, a.weight, a.walls, a.brake,
+        whole(tow),
+    )  # fmt: skip
     return Material(
         m.stiffness, m.damping, m.bend_rest, m.law, around, m.internal, m.keep, m.gain
     )  # fmt: skip

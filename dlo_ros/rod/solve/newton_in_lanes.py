@@ -206,7 +206,7 @@ def _no_response(points, size):
     )  # fmt: skip
 
 
-@njit(from_python=False)
+@linked()
 def _respond(lanes, q, rule, matter, here):
     """Write moments and forces in the present shape."""
     if here.moment.size > 0:
@@ -217,7 +217,7 @@ def _respond(lanes, q, rule, matter, here):
     press(q, rule, matter, here.forces, here.stiffness)
 
 
-@njit(from_python=False)
+@linked()
 def _retreat(lanes, q, rule, matter, promised, line, here):
     """Take back what of the last correction goes too far, see `remaining_share`.
 
