@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -151,10 +152,9 @@ class ParametricModel:
 
     def at(self, theta: FloatArray) -> ParametricModel:
         """The model with other values; what leaves its range stays at the border."""
-        settings = self.settings
-        for p, x in zip(self.parameters, theta, strict=True):
-            settings = with_value(settings, p.name, p.outer(float(x)))
-        return replace(self, settings=settings)
+        pairs = zip(self.parameters, theta, strict=True)
+        values = {p.name: p.outer(float(x)) for p, x in pairs}
+        return replace(self, settings=with_values(self.settings, values))
 
     def stiffened(self, factor: float) -> ParametricModel:
         """The model with a multiple of its Young's modulus."""
@@ -249,6 +249,7 @@ class ParametricModel:
         return self.names.index(name)
 
 
+@cache
 def split_name(name: str) -> tuple[str, str, int | None]:
     """Effect, key and index of `effects.NAME.KEY[i]`."""
     effect, _, key = number_of(name).removeprefix(EFFECTS_PREFIX).partition(".")
@@ -289,23 +290,32 @@ def value_of(settings: Settings, name: str) -> float:
 
 
 def with_value(settings: Settings, name: str, value: float) -> Settings:
-    """Settings with another value of a parameter.
+    """Settings with another value of a parameter, see `with_values`."""
+    return with_values(settings, {name: value})
+
+
+def with_values(settings: Settings, values: Mapping[str, float]) -> Settings:
+    """Settings with other values of parameters.
 
     A number of which recordings have their own values is elsewhere the mean of these.
     """
-    if OWN in name:
-        own = {**settings.own, name: value}
-        number = number_of(name)
-        mean = float(np.mean([v for k, v in own.items() if number_of(k) == number]))
-        return with_value(replace(settings, own=own), number, mean)
-    changed: dict[str, Any] = {name: value}
-    if name in ("young_modulus", "density"):
-        return replace(settings, rod=replace(settings.rod, **changed))
-    if name in MATERIAL:
-        return replace(settings, damping=replace(settings.damping, **changed))
-    effect, key, index = split_name(name)
-    effects: dict[str, dict[str, Any]] = {k: dict(v) for k, v in settings.effects.items()}
-    old = effects[effect][key]
-    new = value if index is None else (*old[:index], value, *old[index + 1 :])
-    effects[effect][key] = new
-    return settings.with_effects(effects)
+    own = {**settings.own, **{name: x for name, x in values.items() if OWN in name}}
+    numbers = {name: x for name, x in values.items() if OWN not in name}
+    for number in {number_of(name) for name in values if OWN in name}:
+        numbers[number] = float(np.mean([x for k, x in own.items() if number_of(k) == number]))
+    rod: dict[str, Any] = {}
+    damping: dict[str, Any] = {}
+    effects: dict[str, Any] = dict(settings.effects)
+    for name, value in numbers.items():
+        if name in MATERIAL:
+            (rod if name in ("young_modulus", "density") else damping)[name] = value
+            continue
+        effect, key, index = split_name(name)
+        if effects[effect] is settings.effects[effect]:
+            effects[effect] = dict(effects[effect])
+        old: Any = effects[effect][key]
+        effects[effect][key] = value if index is None else (*old[:index], value, *old[index + 1 :])
+    return replace(
+        settings, rod=replace(settings.rod, **rod), damping=replace(settings.damping, **damping),
+        effects=effects, own=own,
+    )  # fmt: skip

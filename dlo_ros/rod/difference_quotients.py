@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from copy import copy
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -136,7 +135,7 @@ class DifferenceQuotients(RodSimulation):
         result = []
         for k, one in enumerate(middle):
             points = np.array([track[k].control_points[:, :3] for track in sides])
-            result.append(replace(one, sensitivity=(points[0::2] - points[1::2]) / width))
+            result.append(one._replace(sensitivity=(points[0::2] - points[1::2]) / width))
         return result
 
     def fork(

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from dlo_ros.rod.loads.grip_reactions import Loading
 from dlo_ros.spline import FloatArray
 
 
-@dataclass(frozen=True)
-class Prediction:
+class Prediction(NamedTuple):
     """A simulated shape with its sensitivity.
 
     Args:
