@@ -5,12 +5,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
+import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dlo_ros.effects.base import Body, Effect, quantity
 from dlo_ros.effects.quantity import ALONG_AXES, NORMAL, TURNED
+from dlo_ros.spline import FloatArray
 
 
 @dataclass(frozen=True)
@@ -40,11 +43,16 @@ class GravityTilt(Effect):
         tolerance=math.radians(1.0), spatial=True, sides=ALONG_AXES[NORMAL : NORMAL + 1],
     )  # fmt: skip
 
+    @cached_property
+    def _turn(self) -> FloatArray:
+        """Rotation matrix, for all the bodies that a model varies in other numbers."""
+        matrix = Rotation.from_rotvec([self.across, self.angle, 0.0]).as_matrix()
+        return np.asarray(matrix)
+
     def shape_body(self, body: Body) -> None:
         """See the base class."""
         if self.across:
-            turn = Rotation.from_rotvec([self.across, self.angle, 0.0])
-            body.gravity[:] = turn.apply(body.gravity)
+            body.gravity[:] = self._turn @ body.gravity
             return
         c, s = math.cos(self.angle), math.sin(self.angle)
         x, y, z = body.gravity
