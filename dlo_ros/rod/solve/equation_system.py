@@ -166,20 +166,17 @@ def unhindered(m):
     return Material(m.stiffness, m.damping, m.bend_rest, law, around, m.internal, 0.0, 0.0)
 
 
-@linked()
-def relaxed_material(m, h):
-    """The material with internal variables after a step of length h; none: it is at rest.
+@njit(from_python=False)
+def relaxation(law, h):
+    """What relaxes in a step of length h, `Material.keep` and `gain`; 0 where nothing does.
 
     The moment of the part that relaxes is exact for a curvature that changes steadily over the
     step.
     """
-    if m.law.relaxing == 0.0 or h == 0.0:
-        return m
-    keep = np.exp(-h / m.law.lasting)
-    gain = m.law.relaxing * (1.0 - keep) * m.law.lasting / h
-    return Material(
-        m.stiffness, m.damping, m.bend_rest, m.law, m.around, m.internal, keep, gain
-    )  # fmt: skip
+    if law.relaxing == 0.0 or h == 0.0:
+        return 0.0, 0.0
+    keep = np.exp(-h / law.lasting)
+    return keep, law.relaxing * (1.0 - keep) * law.lasting / h
 
 
 @linked()

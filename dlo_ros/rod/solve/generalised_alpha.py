@@ -22,7 +22,7 @@ from dlo_ros.rod.solve.equation_system import (
     growth,
     inertia_of,
     material_at_rest,
-    relaxed_material,
+    relaxation,
     residual,
     targets,
     with_quadratic_drag,
@@ -59,17 +59,18 @@ def damped(system, k, imposed, state, h):
     # Material that slips in is no strain.
     slip = c0 * now + c1 * growth(imposed, k, time)
     slip += c2 * growth(imposed, k, time - state.clock[LAST])
-    matter = relaxed_material(material_at_rest(system, k, now, state.internal), h)
+    matter = material_at_rest(system, k, now, state.internal)
+    keep, gain = relaxation(matter.law, h)
     s, damping, relaxed = matter.stiffness, 1.0 + t_r * c0, matter.damping
-    inner, bending = state.internal.inner, relaxed + matter.gain + t_r * c0
+    inner, bending = state.internal.inner, relaxed + gain + t_r * c0
     for e in range(s.stretch.size):
         past = c1 * state.stretch[e] + c2 * state.stretch_before[e] - slip
         s.stretch[e] *= damping
         s.stretch_rest[e] = (s.stretch_rest[e] - t_r * past) / damping
         for c in range(2):
             past = t_r * (c1 * state.other[e, c] + c2 * state.other_before[e, c])
-            if matter.gain != 0.0:
-                past += matter.keep * inner[e, c] - matter.gain * inner[e, 4 + c]
+            if gain != 0.0:
+                past += keep * inner[e, c] - gain * inner[e, 4 + c]
             s.bend[e, c] *= bending / relaxed
             s.bend_rest[e, c] = (relaxed * s.bend_rest[e, c] - past) / bending
         s.bend[e, 2] *= bending / relaxed
@@ -77,8 +78,7 @@ def damped(system, k, imposed, state, h):
         s.twist[e] *= damping
         s.twist_rest[e] = (s.twist_rest[e] - t_r * past) / damping
     m = Material(
-        s, bending, matter.bend_rest, matter.law, matter.around, matter.internal, matter.keep,
-        matter.gain,
+        s, bending, matter.bend_rest, matter.law, matter.around, matter.internal, keep, gain
     )  # fmt: skip
     if m.around.brake == 0.0:
         return m
@@ -161,8 +161,14 @@ def step(system, imposed, state, h, tolerance, new, lanes, pace):
     Returns:
         Status and the estimated error of the step [m].
     """
-    time = state.clock[TIME] + h
     matter = damped(system, ITSELF, imposed, state, h)
+    return _step(system, imposed, state, h, matter, tolerance, new, lanes, pace)
+
+
+@linked()
+def _step(system, imposed, state, h, matter, tolerance, new, lanes, pace):
+    """One step with the material of its incremental potential; see `step`."""
+    time = state.clock[TIME] + h
     assign(new.frames, state.frames)
     usable, target, gap = targets(system, ITSELF, imposed, time, state.q, new.frames)
     if not usable:
