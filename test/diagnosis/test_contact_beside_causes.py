@@ -116,6 +116,28 @@ def test_nothing_is_looked_for_where_nothing_is_left_or_a_contact_is_known(
     assert bool(asked.looked_in) == left
 
 
+@pytest.mark.parametrize(("left", "beside_all"), [(False, False), (True, True), (True, False)])
+def test_the_last_cause_may_do_the_work_of_what_was_hit(monkeypatch, asked, left, beside_all):
+    """A stiffer segment for a peg beside a creep, of which all was explained."""
+    bare = fitted_with_a_force()
+    segment = SimpleNamespace(label="segment", effect="stiff_segment", parameters=(), start=FORCE)
+    found = replace(bare, at=evaluation(100.0, 2e-3, bare.at.model), causes=(CAUSE, segment))
+    monkeypatch.setattr(module, "leaves_something", lambda *_: left)
+    monkeypatch.setattr(module, "without", lambda at, cause, _: cause is segment and bare.at)
+    hit = asked.hit
+    monkeypatch.setattr(
+        module, "best_contact", lambda at, *_: hit if at is bare.at or beside_all else None
+    )
+
+    def search(at, neutral, recordings, begun, enough, *, present):
+        return Search(evaluation(160.0, 1e-3), present, ("more",), None)
+
+    monkeypatch.setattr(module, "search", search)
+    after, contact = with_contact(found, PAPER, None, (), (), 1e-4)
+    assert contact is hit
+    assert after.causes == ((CAUSE, segment, PEG) if beside_all else (CAUSE, PEG))
+
+
 @pytest.mark.parametrize(
     ("evidence", "err", "rivals"),
     [

@@ -3,7 +3,7 @@
 
 Contacts are proposed by the pictures that are wrong in a model which is right before the DLO hits
 anything. Where a grip slips, or a creep goes on, the set-up alone is right in none, and a wall that
-no picture has shown may take the place of a peg.
+no picture has shown, or another cause, may take the place of a peg.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from dlo_ros.diagnosis.explain.contact_trials import Contact, best_contact
 from dlo_ros.diagnosis.explain.left_out import without
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects import Start
+from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import nearest_err
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.model_comparison import log_bayes_factor
@@ -40,8 +41,7 @@ def with_contact(
     """A search that goes on with what the DLO may have hit beside its causes.
 
     Args:
-        found: the result of a search; where it leaves nothing that matters, and nothing was hit, it
-            stays.
+        found: the result of a search; with one cause that leaves nothing that matters, it stays.
         given: the parameter file.
         neutral, begun, enough: see `cause_search.search`.
         shown: whether what was hit is what the pictures had shown, before any cause was known.
@@ -50,18 +50,13 @@ def with_contact(
         The better result, and what was hit; None where nothing was, or it had been found.
     """
     hit = next((c for c in found.causes if c.effect in EFFECTS), None)
-    others = tuple(c for c in found.causes if c is not hit)
-    if not others or (hit is not None and shown):
+    if hit is not None and shown:
         return found, None
-    if hit is None and not leaves_something(found.at, recordings, enough):
-        return found, None
-    bare = found.at if hit is None else without(found.at, hit, recordings)
-    if bare is None:
-        return found, None
-    for model in (_with_causes_held(bare.model, others), bare.model):
-        contacts = _contacts(model, bare.model, given, recordings)
-        contact = best_contact(bare, recordings, contacts)
-        if contact is not None and not takes_little(contact.trial, bare, recordings):
+    places = [hit] if hit is not None else _places(found, recordings, enough)
+    for replaced in places:
+        others = tuple(c for c in found.causes if c is not replaced)
+        contact = _contact(found.at, replaced, others, given, recordings) if others else None
+        if contact is not None:
             break
     else:
         return found, None
@@ -75,6 +70,41 @@ def with_contact(
         return found, None
     near = (1.0 - LOWERS) * nearest_err(more.at, recordings) <= nearest_err(found.at, recordings)
     return found, Contact.of((found.at, hit), (more.at, peg), as_near=near)
+
+
+def _places(
+    found: Search, recordings: Sequence[Recording], enough: float
+) -> list[Proposal | None]:  # fmt: skip
+    """The causes in whose place something may have been hit; None: beside all of them.
+
+    While a peg is not known, the last cause may be what does its work: a stiffer segment does not
+    bend around it, either.
+    """
+    beside: list[Proposal | None] = []
+    if leaves_something(found.at, recordings, enough):
+        beside.append(None)
+    last = next((c for c in reversed(found.causes[1:]) if c.start is not None), None)
+    return beside if last is None else [*beside, last]
+
+
+def _contact(
+    at: Evaluation, replaced: Proposal | None, causes: Sequence[Proposal], given: Settings,
+    recordings: Sequence[Recording],
+) -> Contact | None:  # fmt: skip
+    """What the DLO may have hit in the place of a cause of a model; None: nothing.
+
+    Args:
+        causes: the others.
+    """
+    bare = at if replaced is None else without(at, replaced, recordings)
+    if bare is None:
+        return None
+    for model in (_with_causes_held(bare.model, causes), bare.model):
+        contacts = _contacts(model, bare.model, given, recordings)
+        contact = best_contact(bare, recordings, contacts)
+        if contact is not None and not takes_little(contact.trial, bare, recordings):
+            return contact
+    return None
 
 
 def _with_causes_held(model: ParametricModel, causes: Sequence[Proposal]) -> ParametricModel:
