@@ -51,11 +51,11 @@ class Lent(types.Type):  # type: ignore[misc]  # numba carries no types
 
     @property
     def key(self) -> Any:
-        """What tells two of them apart."""
+        """The tuple's type, by which two of them differ."""
         return self.whole
 
     def unify(self, _: Any, other: Any) -> Any:
-        """What a variable is that holds one or the other: the tuple."""
+        """Type of a variable that holds one or the other: the tuple."""
         return self.whole if other == self.whole else None
 
     def can_convert_to(self, _: Any, other: Any) -> Any:
@@ -103,7 +103,7 @@ def whole(argument: Tuple) -> Tuple:
 @infer_global(whole)
 class _Whole(AbstractTemplate):  # type: ignore[misc]
     def generic(self, args: Any, kws: Any) -> Any:
-        """Signature."""
+        """Signature: the result is the tuple."""
         (kind,) = args
         return signature(kind.whole if isinstance(kind, Lent) else kind, kind)
 
@@ -115,7 +115,7 @@ def _get_whole(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 
 def _loaded(builder: Any, pointer: Any) -> Any:
-    """What a pointer refers to, number by number: the compiler leaves out those that nobody uses.
+    """A pointer's value, number by number: the compiler leaves out those that nobody uses.
 
     It is told that they do not change, so that it loads none again after a write to an array.
     """

@@ -91,7 +91,7 @@ def _contact(
     at: Evaluation, replaced: Proposal | None, causes: Sequence[Proposal], given: Settings,
     recordings: Sequence[Recording],
 ) -> Contact | None:  # fmt: skip
-    """What the DLO may have hit in the place of a cause of a model; None: nothing.
+    """A peg or wall that the DLO may have hit in the place of a cause of a model; None: nothing.
 
     Args:
         causes: the others.

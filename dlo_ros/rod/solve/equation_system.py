@@ -168,7 +168,7 @@ def unhindered(m):
 
 @njit(from_python=False)
 def relaxation(law, h):
-    """What relaxes in a step of length h, `Material.keep` and `gain`; 0 where nothing does.
+    """Relaxation in a step of length h, `Material.keep` and `gain`; 0 where there is none.
 
     The moment of the part that relaxes is exact for a curvature that changes steadily over the
     step.
