@@ -2,12 +2,11 @@
 """Named tuples are handed over by a pointer, and what comes out of them lives as long as needed."""
 
 import os
-import shutil
 import subprocess
 import sys
 
+import kernel_modules
 import pytest
-from conftest import ROOT
 
 MODULE = """
 from typing import NamedTuple
@@ -121,13 +120,7 @@ except Exception as err:
 
 @pytest.fixture
 def package(tmp_path):
-    folder = tmp_path / "dlo_ros"
-    folder.mkdir()
-    for name in (
-        "__init__.py", "errors.py", "kernel_arguments.py", "kernel_cache.py", "kernel_linking.py",
-        "kernel_parts.py",
-    ):  # fmt: skip
-        shutil.copy(ROOT / "dlo_ros" / name, folder)
+    folder = kernel_modules.copied(tmp_path)
     (folder / "rods.py").write_text(MODULE)
     return folder
 

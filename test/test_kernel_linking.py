@@ -3,10 +3,10 @@
 
 import ast
 import os
-import shutil
 import subprocess
 import sys
 
+import kernel_modules
 import pytest
 from conftest import ROOT
 
@@ -62,12 +62,7 @@ assert large.first.sum() == 199e3 + 1e3 * float(sys.argv[1])
 
 @pytest.fixture
 def package(tmp_path):
-    folder = tmp_path / "dlo_ros"
-    folder.mkdir()
-    for name in (
-        "__init__.py", "errors.py", "kernel_arguments.py", "kernel_cache.py", "kernel_linking.py"
-    ):  # fmt: skip
-        shutil.copy(ROOT / "dlo_ros" / name, folder)
+    folder = kernel_modules.copied(tmp_path)
     (folder / "inner.py").write_text(INNER.format(more="0.0"))
     (folder / "outer.py").write_text(OUTER)
     return folder
@@ -142,7 +137,7 @@ def compiled_functions():
     """Decorator and called functions of each compiled function, (module, name)."""
     result = {}
     for path in (ROOT / "dlo_ros").rglob("*.py"):
-        if path.name in ("kernel_arguments.py", "kernel_cache.py", "kernel_linking.py"):
+        if path.name in kernel_modules.NAMES:
             continue
         module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
         tree = ast.parse(path.read_text())

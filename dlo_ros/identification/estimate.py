@@ -10,7 +10,7 @@ from itertools import combinations
 
 import numpy as np
 
-from dlo_ros.inference.parameter import value_of, with_value
+from dlo_ros.inference.parameter import value_of, with_values
 from dlo_ros.inference.priors import MATERIAL_RANGES
 from dlo_ros.inference.thresholds import IDENTIFIED, SMALL_SHARE, UNBOUNDED
 from dlo_ros.parameter_table import TABLE
@@ -100,10 +100,11 @@ def logarithms(settings: Settings) -> FloatArray:
 
 def with_logarithms(settings: Settings, theta: FloatArray) -> Settings:
     """The settings with ln (E, mu, c, t_r) = theta."""
+    values = {}
     for name, value in zip(MATERIAL, np.exp(theta).tolist(), strict=True):
         *_, lower, upper = MATERIAL_RANGES[name]
-        settings = with_value(settings, name, min(max(value, lower), upper) if value else 0.0)
-    return settings
+        values[name] = min(max(value, lower), upper) if value else 0.0
+    return with_values(settings, values)
 
 
 def within_noise(settings: Settings, rms: float) -> Settings:

@@ -270,11 +270,12 @@ def acts_in(name: str, recording: str) -> bool:
 
 def of_recording(settings: Settings, recording: str) -> Settings:
     """The settings with the values that numbers have in a recording."""
+    values = {}
     for name, value in settings.own.items():
         effect, key, _ = split_name(name)
         if acts_in(name, recording) and key in settings.effects.get(effect, {}):
-            settings = with_value(settings, number_of(name), value)
-    return settings
+            values[number_of(name)] = value
+    return with_values(settings, values) if values else settings
 
 
 def value_of(settings: Settings, name: str) -> float:
@@ -287,11 +288,6 @@ def value_of(settings: Settings, name: str) -> float:
     effect, key, index = split_name(name)
     value: Any = settings.effects[effect][key]
     return float(value if index is None else value[index])
-
-
-def with_value(settings: Settings, name: str, value: float) -> Settings:
-    """Settings with another value of a parameter, see `with_values`."""
-    return with_values(settings, {name: value})
 
 
 def with_values(settings: Settings, values: Mapping[str, float]) -> Settings:

@@ -24,7 +24,7 @@ from dlo_ros.inference.parameter import (
     number_of,
     split_name,
     value_of,
-    with_value,
+    with_values,
 )
 from dlo_ros.spline import FloatArray
 
@@ -50,9 +50,9 @@ def with_own_moments(model: ParametricModel, recordings: Sequence[Recording]) ->
             parameters.append(p)
         elif all(number_of(other.name) != number for other in parameters):
             common = value_of(model.settings, number)
-            for name in (f"{number}{OWN}{recording}" for recording in names):
-                settings = with_value(settings, name, model.settings.own.get(name, common))
-                parameters.append(replace(p, name=name))
+            own = [f"{number}{OWN}{recording}" for recording in names]
+            settings = with_values(settings, {n: model.settings.own.get(n, common) for n in own})
+            parameters += [replace(p, name=name) for name in own]
     return ParametricModel(settings, tuple(parameters))
 
 

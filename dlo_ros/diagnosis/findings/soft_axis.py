@@ -15,7 +15,7 @@ from dlo_ros.effects.physics.anisotropy import Anisotropy
 from dlo_ros.effects.physics.twisting_stiffness import TwistingStiffness
 from dlo_ros.inference.joint import Evaluation, evaluate
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.parameter import ParametricModel, value_of, with_value
+from dlo_ros.inference.parameter import ParametricModel, value_of, with_values
 from dlo_ros.parameters import Settings
 
 RATIO, ANGLE = (Anisotropy.parameter(key) for key in ("ratio", "angle"))
@@ -48,6 +48,8 @@ def about_other_axis(settings: Settings) -> Settings:
     rod = replace(settings.rod, young_modulus=ratio * settings.rod.young_modulus)
     settings = replace(settings, effects=effects, rod=rod)
     # Torsion is that of a round section with E, times this.
-    settings = with_value(settings, TWIST, value_of(settings, TWIST) / ratio)
-    settings = with_value(settings, RATIO, 1.0 / ratio)
-    return with_value(settings, ANGLE, angle - math.copysign(0.5 * math.pi, angle))
+    values = {
+        TWIST: value_of(settings, TWIST) / ratio, RATIO: 1.0 / ratio,
+        ANGLE: angle - math.copysign(0.5 * math.pi, angle),
+    }  # fmt: skip
+    return with_values(settings, values)

@@ -34,7 +34,7 @@ from dlo_ros.identification.information import diameter_error, widened
 from dlo_ros.identification.offline.set_up_estimate import MaterialFit
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.parallel import Pool, Threads
-from dlo_ros.inference.parameter import value_of, with_value
+from dlo_ros.inference.parameter import value_of, with_values
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
@@ -168,7 +168,7 @@ def _around(at: Settings, set_up: Mapping[str, tuple[float, float]]) -> list[Set
     for direction, step in zip(DIRECTIONS, STEPS, strict=True):
         result += [with_logarithms(at, theta + s * step * direction) for s in (1.0, -1.0)]
     for name, (_, std) in set_up.items():
-        result.append(with_value(at, name, value_of(at, name) + std))
+        result.append(with_values(at, {name: value_of(at, name) + std}))
     return result
 
 
