@@ -11,6 +11,7 @@ from dlo_ros.diagnosis.explain import offered_effects
 from dlo_ros.diagnosis.explain.offered_effects import SHAPES_ALIKE, Offer, offered
 from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of, simulated_together
 from dlo_ros.effects import Start
+from dlo_ros.errors import SimulationError
 from dlo_ros.inference.parameter import ParametricModel
 
 MASS = Start("point_mass", {"mass": 0.0, "position": 0.2}, ("mass",), ("mass", "position"))
@@ -49,3 +50,23 @@ def test_effects_that_make_derivatives_expensive_are_simulated_apart():
     assert [[p.start for p in group] for group in found] == [
         [FRICTION], [MASS, FORCE], [HEAVIER], [CREEP],
     ]  # fmt: skip
+
+
+def test_an_effect_that_cannot_be_simulated_takes_no_other_one_away(monkeypatch):
+    """They share simulations, since their derivatives cost little beside one another."""
+    gives = Start("clamp_compliance", {"start": 0.0}, ("start",), ("start",))
+    simulations = []
+
+    def simulate(model, _, names):
+        simulations.append(names)
+        if any("clamp_compliance" in name for name in names):
+            raise SimulationError("no equilibrium")
+        return names
+
+    monkeypatch.setattr(offered_effects, "simulate", simulate)
+    monkeypatch.setattr(
+        offered_effects, "columns", lambda _, together, found: {id(p): found for p in together}
+    )
+    found = offered(simulated(0.0), (), (MASS, gives, FORCE))
+    assert [p.effect for p in found.proposals] == ["point_mass", "constant_force"]
+    assert len(simulations) > 1

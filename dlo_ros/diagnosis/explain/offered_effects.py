@@ -77,18 +77,30 @@ def offered(
         return known.beside(at.model)
     proposals = added(at.model, begun)
     extra: Extra = {}
-    linear = is_linear(at.model.settings)
     for together in simulated_together(at.model.settings, proposals):
-        model, names = with_proposals(at.model, together)
-        try:
-            if linear and names and not is_linear(model.settings):
-                for p in together:
-                    extra[id(p)] = _differences(at, p, recordings)
-            else:
-                extra |= columns(at, together, simulate(model, recordings, names))
-        except SimulationError as err:
-            LOG.info("%s: %s", ", ".join(p.label for p in together), err)
+        extra |= _derivatives(at, together, recordings)
     return Offer(at, tuple(p for p in proposals if id(p) in extra), extra)
+
+
+def _derivatives(
+    at: Evaluation, together: Sequence[Proposal], recordings: Sequence[Recording]
+) -> Extra:
+    """Derivatives by what effects add, of those that can be simulated.
+
+    Where they cannot be simulated together, halves of them are: one of them may have to be left
+    out, and not the others.
+    """
+    model, names = with_proposals(at.model, together)
+    try:
+        if names and is_linear(at.model.settings) and not is_linear(model.settings):
+            return {id(p): _differences(at, p, recordings) for p in together}
+        return columns(at, together, simulate(model, recordings, names))
+    except SimulationError as err:
+        LOG.info("%s: %s", ", ".join(p.label for p in together), err)
+    half = len(together) // 2
+    parts = (together[:half], together[half:]) if half else ()
+    found = [_derivatives(at, part, recordings) for part in parts]
+    return {proposal: slopes for part in found for proposal, slopes in part.items()}
 
 
 def _differences(
