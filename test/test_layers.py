@@ -55,7 +55,7 @@ INSIDE = {
         ("sensitivity_parameters",),
         ("compiled_rod",),
         ("integration", "measured_shapes", "statics"),
-        ("stretch_relaxation",),
+        ("first_guess", "stretch_relaxation"),
         ("batch", "loads", "resolution"),
         ("dynamics", "prediction"),
         ("observed_start", "protocol"),

@@ -11,18 +11,17 @@ from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
 from dlo_ros.rod.boundary.command_timeline import CommandTimeline
 from dlo_ros.rod.boundary.imposed_motion import Boundary
-from dlo_ros.rod.boundary.twist_free_frame import material_frame
 from dlo_ros.rod.compiled_rod import compiled
+from dlo_ros.rod.first_guess import first_guess
 from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.motion_validation import possible
 from dlo_ros.rod.observed_start import FirstShapes, observed_start
 from dlo_ros.rod.packing import true_command
 from dlo_ros.rod.planar_model import in_plane
-from dlo_ros.rod.state import State, rest_state
+from dlo_ros.rod.state import State
 from dlo_ros.rod.statics import settle
 from dlo_ros.rod_settings import RodSettings
-from dlo_ros.spline import SplineBasis
 
 LOG = logging.getLogger(__name__)
 
@@ -92,18 +91,12 @@ def initial_state(
     if settings.simulation.start != "equilibrium":
         yield
         return InitialState(observed_start(model, boundary, begin, measurement, parameters))
-    published = SplineBasis(settings.rod.control_points, settings.rod.length)
-    lift = model.basis.projection(published)
-    true = true_command(model, command)
-    held = material_frame(true, begin.stamp)
-    at_rest = rest_state(begin.stamp, lift @ begin.shape, model, held)
+    near = first_guess(model, boundary, command, begin.stamp, begin.shape)
     yield
-    flat = in_plane(model, at_rest, true, parameters)
+    flat = in_plane(model, near, true_command(model, command), parameters)
     compiled(model, boundary, command, parameters, flat=flat)  # is kept
     yield
-    found = settle(
-        model, boundary, at_rest, command, begin.stamp, fresh=True, parameters=parameters
-    )
+    found = settle(model, boundary, near, command, begin.stamp, fresh=True, parameters=parameters)
     if found.buckled:
         LOG.info(
             "the DLO buckles on its way to its first equilibrium; where nothing decides "

@@ -17,10 +17,9 @@ import numpy as np
 from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
 from dlo_ros.rod.boundary.imposed_motion import Boundary, boundary_of
-from dlo_ros.rod.boundary.twist_free_frame import material_frame
+from dlo_ros.rod.first_guess import first_guess
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import true_command
-from dlo_ros.rod.state import State, refined, rest_state
+from dlo_ros.rod.state import State, refined
 from dlo_ros.rod.statics import settle
 from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
@@ -142,9 +141,7 @@ class _Path:
             SimulationError: there is none at the first instant.
         """
         model, boundary = build(settings, command, spans)
-        published = SplineBasis(settings.rod.control_points, settings.rod.length)
-        held = material_frame(true_command(model, command), stamps[0])
-        state = rest_state(stamps[0], model.basis.projection(published) @ shape, model, held)
+        state = first_guess(model, boundary, command, stamps[0], shape)
         # What bending and friction remember has no counterpart in another basis.
         lift = near is not None and not any(model.remembers)
         yield
