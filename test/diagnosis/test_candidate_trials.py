@@ -78,6 +78,7 @@ def best_of(
         return evaluation(evidence, (near or {}).get(evidence, at.mean_err))
 
     monkeypatch.setattr(joint_fit, "approached", approached)
+    monkeypatch.setattr(candidate_trials, "has_common_moments", lambda p: "sudden" in p.label)
     monkeypatch.setattr(candidate_trials, "own_err", lambda *_: own)
     monkeypatch.setattr(candidate_trials, "beginning", beginning)
     monkeypatch.setattr(candidate_trials, "fitted", short)
@@ -183,6 +184,19 @@ def test_of_an_effect_the_likeliest_start_is_fitted_beside_the_nearest(monkeypat
     assert added == "segment (1)"
     assert told["segment (2)"] == "fitted, but another gains more"
     assert told["segment (3)"] == told["mass (2)"] == "others come nearer"
+
+
+def test_what_seems_to_go_on_may_have_happened_at_once(monkeypatch):
+    """At moments that are not the right one, a sudden slip is predicted to gain little."""
+    fits = {
+        "slip (even)": (100.0, 1.5e-3), "slip (sudden)": (900.0, 0.5e-3), "slip (later, sudden)": (
+            990.0, 0.4e-3),
+    }  # fmt: skip
+    promised = {"slip (even)": 100.0, "slip (sudden)": 20.0, "slip (later, sudden)": 10.0}
+    added, told = best_of(monkeypatch, fits, promised=promised)
+    assert added == "slip (sudden)"
+    assert told["slip (even)"] == "fitted, but another gains more"
+    assert told["slip (later, sudden)"] == "predicted to gain less"  # its moment is tried later
 
 
 def test_a_small_gain_is_no_cause(monkeypatch):

@@ -101,7 +101,7 @@ def best_trials(
     chosen, rest = _chosen(checked, at, least)
     trials = list(begun)
     trace += [Step(number, c.label, c.gain, c.err, outcome) for c, outcome in rest]
-    for c in chosen:
+    for c in [*chosen, *_at_once(chosen, offers, recordings)]:
         LOG.info("%s: its fit begins %.3f mm off", c.label, 1e3 * c.err)
         # It must come near before errors can be separated from the effect.
         found = fitted(c.predicted.model, recordings, FIRST_ITERATIONS, far=True, draft=True)
@@ -180,6 +180,31 @@ def _chosen(
     outcomes += [(c, "others come nearer") for c in enough if c not in first]
     outcomes += [(c, "makes matters worse") for c in first if c.err > far]
     return [c for c in first if c.err <= far], outcomes
+
+
+def _at_once(
+    chosen: Sequence[Beginning],
+    offers: Sequence[tuple[Evaluation, Sequence[PredictedGain]]], recordings: Sequence[Recording],
+) -> list[Beginning]:  # fmt: skip
+    """What may have happened at once, of effects that are fitted as going on all the time.
+
+    At the wrong moment it gains less, and no derivative leads to the right one: it begins at that
+    of the largest predicted gain.
+    """
+    proposals = [c.predicted.proposal for c in chosen]
+    even = {p.effect for p in proposals}
+    even -= {p.effect for p in proposals if has_common_moments(p)}
+    rows = [(origin, p) for origin, predictions in offers for p in predictions]
+    found: list[Beginning] = []
+    for origin, predicted in sorted(rows, key=lambda row: -row[1].gain):
+        effect = predicted.proposal.effect
+        if effect in even and has_common_moments(predicted.proposal):
+            even.remove(effect)
+            try:
+                found.append(beginning(origin, predicted, recordings))
+            except SimulationError as reason:
+                LOG.info("%s: %s", predicted.proposal.label, reason)
+    return found
 
 
 def _likeliest(checked: Sequence[Beginning], nearest: Beginning) -> Beginning:
