@@ -58,13 +58,16 @@ def judge(hidden: set[str], report: dict) -> str:
     return "among rivals" if covered == hidden else "part"
 
 
-def good(kind: str, outcome: str) -> bool:
-    """Whether an outcome is what one hopes for."""
+def good(case: Case) -> bool:
+    """Whether an outcome is what one hopes for; of three effects, two named and none wrong."""
+    outcome = case.outcome
+    found = outcome in ("named", "among rivals")
     return {
         "none": outcome == "adequate",
         "foreign": outcome == "unexplained",
-        "weak": outcome in ("named", "among rivals", "unexplained"),
-    }.get(kind, outcome in ("named", "among rivals"))
+        "weak": found or outcome == "unexplained",
+        "triple": found or (outcome == "part" and len({*case.named} & {*case.hidden}) >= 2),
+    }.get(case.kind, found)
 
 
 def compare(hidden: dict[str, dict], report: dict) -> tuple[int, int]:
@@ -128,13 +131,13 @@ def summary(cases: list[Case]) -> list[str]:
     for kind in dict.fromkeys(c.kind for c in cases):
         mine = [c for c in cases if c.kind == kind]
         counts = Counter(c.outcome for c in mine)
-        share = sum(good(kind, c.outcome) for c in mine) / len(mine)
+        share = sum(map(good, mine)) / len(mine)
         row = "".join(f"{counts[o]:>{width}}" for o in OUTCOMES)
         lines.append(f"{kind:<10}{row}{share:>8.0%}")
     lines += [
         f"{c.kind}: {' + '.join(c.hidden) or 'nothing'} -> {c.outcome}: {' + '.join(c.named)}"
         for c in cases
-        if not good(c.kind, c.outcome)
+        if not good(c)
     ]
     gains = [c.gain for c in cases if c.gain is not None]
     if gains:

@@ -21,6 +21,7 @@ KINDS = {
     "pair": (3.0, 20.0),
     "none": (0.0, 0.0),
     "foreign": (3.0, 20.0),
+    "triple": (3.0, 20.0),
 }
 """Kinds of challenges and the range of residual over noise after E and mu were fitted again."""
 
@@ -100,7 +101,7 @@ def draw(
     asked = crc32(" ".join(names).encode())
     rng = np.random.default_rng([seed, list(KINDS).index(kind), asked])
     if not names:
-        count = {"none": 0, "pair": 2}.get(kind, 1)
+        count = {"none": 0, "pair": 2, "triple": 3}.get(kind, 1)
         names = tuple(str(n) for n in rng.choice(list(known), count, replace=False))
     known = {**known, **SET_UP}
     for _ in range(TRIES):

@@ -132,8 +132,10 @@ def test_the_confusion_matrix_counts():
     cases = [
         Case("single", ("point_mass",), "named", ("point_mass",), 3.0, 1.1, 1, 2),
         Case("none", (), "wrong", ("obstacle",), 5.0, 1.5, 0, 0),
+        Case("triple", ("wall", "point_mass", "connector"), "part", ("wall",), 3.0, 1.1, 0, 0),
     ]
     text = "\n".join(summary(cases))
     assert "none: nothing -> wrong: obstacle" in text
+    assert "triple: wall + point_mass + connector -> part: wall" in text
     assert "1 of 2" in text
     assert "100%" in text
