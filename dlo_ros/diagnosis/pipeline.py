@@ -19,6 +19,7 @@ from dlo_ros.diagnosis.findings.joint_learning import (
     nearer,
     surprising,
     training_set,
+    with_names,
 )
 from dlo_ros.diagnosis.findings.joint_outcome import joint_outcome
 from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
@@ -79,6 +80,7 @@ def diagnose(
         beginning = sharper
         plain, found = _explained(beginning, count, given, progress, found)
     progress("measuring the gain", 1.0)
+    found = with_names(found, beginning.recordings)
     outcome = joint_outcome(beginning, plain, found, given)
     return with_forces(outcome, recordings, given, _left_out(beginning))
 

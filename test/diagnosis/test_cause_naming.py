@@ -11,8 +11,10 @@ from experiment_recordings import fitted_set_up
 from rods import PAPER
 
 from dlo_ros.diagnosis.explain import cause_naming
+from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.certainty import SCALES, certain, strained
 from dlo_ros.diagnosis.explain.explanation import Explanation
+from dlo_ros.diagnosis.explain.rivals import Rival
 from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of
 from dlo_ros.effects import Start
 from dlo_ros.effects.physics.wall import StraightWall
@@ -98,7 +100,9 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
     setup = evaluation(-50.0, 2e-3)
     setup.model = at.model
-    causes, shifts = cause_naming.named(found, setup, {}, (), [start, *others], [0.85e-3], 0.5e-3)
+    causes, shifts, _ = cause_naming.named(
+        found, setup, {}, (), [start, *others], [0.85e-3], 0.5e-3
+    )
     assert [c.effect for c in causes] == (["point_mass"] if named else [])
     if named and without <= at.mean_err:  # one of the two acts: without both shapes are far off
         assert causes[0].rivals == {"gravity_tilt": {"angle": 0.3}}
@@ -119,17 +123,59 @@ def test_the_stiffness_beside_a_rival_is_doubtful(monkeypatch, acts):
     at, bare, other = (evaluation(*x) for x in ((0.0, 0.9e-3), (-40.0, 2e-3), (-1.0, 0.9e-3)))
     at.model = bare.model = model_of(PAPER)
     other.model = model_of(replace(PAPER, rod=softer))
-    rivals = {"constant_force": (other, {"x": 0.3})} if acts else {}
+    force = proposal_of(PAPER, Start("constant_force", {"x": 0.0}, ("x",), ("x",)))
+    rivals = {force.effect: Rival(other, force, {"x": 0.3})} if acts else {}
     monkeypatch.setattr(cause_naming, "rivals_of", lambda *_, **__: rivals)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
     bares = {proposal_of(PAPER, mass).label: bare}
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, mass),), offer=SERVING, passed=())
     setup = evaluation(-50.0, 2e-3)
     setup.model = at.model
-    causes, shifts = cause_naming.named(found, setup, bares, (), [mass], [0.85e-3], 0.5e-3)
+    causes, shifts, _ = cause_naming.named(found, setup, bares, (), [mass], [0.85e-3], 0.5e-3)
     assert causes[0].rivals == ({"constant_force": {"x": 0.3}} if acts else {})
     told = Explanation(at, at, causes, 0.0, 0.0, 0.0, (), (), shifts)
     assert other_stiffness(told) == pytest.approx(np.log(3.0) if acts else 0.0)
+
+
+@pytest.mark.parametrize(
+    ("gain", "err", "complete", "taken"),
+    [
+        (40.0, 0.95e-3, True, True),
+        (2.0, 0.8e-3, True, False),  # as good a rival
+        (40.0, 0.8e-3, False, True),
+        (40.0, 0.95e-3, False, False),  # evidence tells little while another cause is missing
+    ],
+)
+@pytest.mark.parametrize("added", [True, False])
+def test_a_rival_that_explains_more_takes_a_cause_s_place(
+    monkeypatch, gain, err, complete, taken, added
+):
+    only_err_decides(monkeypatch)
+    mass = proposal_of(PAPER, Start("point_mass", {"mass": 0.0}, ("mass",), ("mass",)))
+    force = proposal_of(PAPER, Start("constant_force", {"x": 0.0}, ("x",), ("x",)))
+    turn = Start("clamp_angle", {"start": 0.0}, ("start",), ("start",))
+    cause = mass if added else replace(proposal_of(PAPER, turn), start=None)
+    at, bare, other = (evaluation(*x) for x in ((0.0, 0.9e-3), (-40.0, 5e-3), (gain, err)))
+    for fit in (at, bare, other):
+        fit.model = model_of(PAPER)
+    rival = Rival(other, force, {"x": 0.3})
+    monkeypatch.setattr(cause_naming, "rivals_of", lambda *_, **__: {force.effect: rival})
+    monkeypatch.setattr(cause_naming, "beyond", lambda *_: [] if added else [cause])
+    monkeypatch.setattr(cause_naming, "is_beyond", lambda *_: True)
+    monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, **__: 40.0)
+    monkeypatch.setattr(cause_naming, "without", lambda *_, **__: bare)
+    for name in ("approached", "best_known"):
+        monkeypatch.setattr(cause_naming, name, lambda at, *x: x[1] if len(x) > 1 else at)
+    monkeypatch.setattr(cause_naming, "nearest_err", lambda at, _: at.mean_err)
+    monkeypatch.setattr(cause_naming, "tells_apart", more_evidence)
+    found = Search(at, (cause,) if added else (), (), SERVING)
+    words = found, bare, {}, (), [mass.start], [0.85e-3], 0.5e-3
+    names, _, better = cause_naming.named(*words, complete=complete, exchange=True)
+    assert (better is not None) is taken
+    if better is not None:
+        assert names == () and better.at is other and better.causes == (force,)
+    names, _, better = cause_naming.named(*words, complete=complete)
+    assert better is None and names[0].effect == cause.effect
 
 
 @pytest.mark.parametrize(("alone", "named"), [(5e-3, ["hysteresis"]), (1.1e-3, [])])
@@ -149,7 +195,7 @@ def test_of_two_that_do_each_other_s_work_one_is_named(monkeypatch, alone, named
     monkeypatch.setattr(cause_naming, "without", lambda _, group, *__, wholly: bare[group.effect])
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
     found = SimpleNamespace(at=at, causes=causes, offer=SERVING, passed=())
-    told, _ = cause_naming.named(found, setup, {}, (), [friction, creep], [0.9e-3], 0.05e-3)
+    told, *_ = cause_naming.named(found, setup, {}, (), [friction, creep], [0.9e-3], 0.05e-3)
     assert [c.effect for c in told] == named
     assert not named or told[0].rivals == {"viscoelasticity": {"share": 0.3}}
 
@@ -176,7 +222,7 @@ def test_a_fit_without_a_cause_that_has_only_drifted_does_not_tell_of_it(
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
     setup = evaluation(-80.0, 1.5e-3)
     setup.model = at.model
-    causes, _ = cause_naming.named(
+    causes, *_ = cause_naming.named(
         found, setup, {}, (), [start], [0.54e-3], 0.21e-3, complete=complete
     )
     assert bool(causes) is named
@@ -210,7 +256,7 @@ def test_what_comes_nearer_than_the_measurement_errs_is_judged_by_what_is_left(
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
-    causes, _ = cause_naming.named(found, bare, {}, (), [start], [own], least)
+    causes, *_ = cause_naming.named(found, bare, {}, (), [start], [own], least)
     assert bool(causes) is named
 
 
@@ -229,7 +275,7 @@ def test_a_fit_without_a_cause_that_explains_less_than_one_that_is_known_has_gon
         at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=(bare, known) * passed
     )
     setup = bare if passed else known
-    (cause,), _ = cause_naming.named(found, setup, {}, (), [start], [0.85e-3], 0.5e-3)
+    (cause,), *_ = cause_naming.named(found, setup, {}, (), [start], [0.85e-3], 0.5e-3)
     assert (cause.evidence, cause.err) == (40.0, 3e-3)
 
 
@@ -264,7 +310,7 @@ def test_what_acts_in_one_recording_is_named_though_others_lie_farther_off(
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
-    causes, _ = cause_naming.named(found, bare, {}, (), [start], [2.1e-3] * 3, 0.25e-3)
+    causes, *_ = cause_naming.named(found, bare, {}, (), [start], [2.1e-3] * 3, 0.25e-3)
     assert bool(causes) is named
 
 
@@ -286,7 +332,7 @@ def test_a_cause_among_several_is_named_for_its_share_of_what_they_gain(
     monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
-    causes, _ = cause_naming.named(
+    causes, *_ = cause_naming.named(
         found, setup, {}, (), [start], [0.7e-3], 0.6e-3, complete=complete
     )
     assert bool(causes) is named

@@ -66,7 +66,7 @@ def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch,
     at, bare = evaluation(100.0), evaluation(60.0)
     found = rivals.rivals_of((at, tilt), bare, (), (), object(), complete=True)
     assert list(found) == expected
-    assert not expected or found["constant_force"][1] == {"x": 0.3}
+    assert not expected or found["constant_force"].values == {"x": 0.3}
 
 
 @pytest.mark.parametrize(("complete", "gain", "expected"), [
@@ -84,7 +84,7 @@ def test_beside_a_missing_cause_a_plug_as_heavy_is_a_rival_of_a_mass(
     at, bare = evaluation(100.0), evaluation(60.0)
     mass = SimpleNamespace(effect="point_mass", label="point_mass")
     found = rivals.rivals_of((at, mass), bare, (), (), object(), complete=complete)
-    assert found == {name: (plug, {"mass": 0.01}) for name in expected}
+    assert found == {name: (plug, proposal, {"mass": 0.01}) for name in expected}
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_a_set_up_that_is_strained_without_a_cause_may_be_its_rival(
     monkeypatch.setattr(rivals, "linear_loss", loss)
     monkeypatch.setattr(rivals, "without", without)
     found = rivals.rivals_of((at, force), bare, (), (), object(), complete=True)
-    assert {name: block for name, (_, block) in found.items()} == {
+    assert {name: rival.values for name, rival in found.items()} == {
         name: {"angle": 0.17} for name in expected
     }
 

@@ -7,6 +7,7 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,11 +27,11 @@ from dlo_ros.diagnosis.explain.certainty import (
 from dlo_ros.diagnosis.explain.contact_trials import Contact, Rivals
 from dlo_ros.diagnosis.explain.left_out import best_known, linear_loss, without
 from dlo_ros.diagnosis.explain.offered_effects import offered
-from dlo_ros.diagnosis.explain.rivals import rivals_of
+from dlo_ros.diagnosis.explain.rivals import Rival, rivals_of
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Start, effects
 from dlo_ros.inference.joint import Evaluation
-from dlo_ros.inference.joint_fit import approached
+from dlo_ros.inference.joint_fit import approached, nearest_err
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.model_comparison import certain_gain, log_bayes_factor, tells_apart
 from dlo_ros.inference.plain_rod import taken_for_plain
@@ -68,6 +69,22 @@ class Cause:
     rivals: Rivals
     evidence: float
     err: float
+
+
+class Named(NamedTuple):
+    """The causes of a search's result, see `named`.
+
+    Args:
+        causes: the causes that the data show for certain.
+        shifts: changes of the other numbers without each effect that was added, or with a rival in
+            its place.
+        better: the result with a rival in a cause's place that explains the data better, if there
+            is one; then the rest is of no use.
+    """
+
+    causes: tuple[Cause, ...]
+    shifts: Shifts
+    better: Search | None = None
 
 
 def beside_contact(
@@ -171,10 +188,9 @@ def _guessed_dampings(at: Evaluation) -> list[Proposal]:
 def named(
     found: Search, setup: Evaluation, bares: Bares, recordings: Sequence[Recording],
     begun: Sequence[Start], owns: Sequence[float], least: float, *, exact: bool = False,
-    complete: bool = True,
-) -> tuple[tuple[Cause, ...], Shifts]:  # fmt: skip
-    """The causes without which the best model is clearly worse, numbers of the set-up among them,
-    and the shifts without each effect that was added, or with a rival in its place.
+    complete: bool = True, exchange: bool = False,
+) -> Named:  # fmt: skip
+    """The causes without which the best model is clearly worse, numbers of the set-up among them.
 
     What lies within its tolerance, or is no part of every set-up, is none where all that it
     explains is immaterial, or takes away less than `least` [m] of ERR: beside a cause whose true
@@ -189,7 +205,8 @@ def named(
     Of effects that do each other's work, each may be left out, and yet one of them acts where the
     set-up alone explains less: the one without which most is lost is named, with the others as its
     rivals. Where it is the set-up that does a cause's work, and must leave its tolerance for it, as
-    a tilt does that of an even force, those numbers of it are the rivals.
+    a tilt does that of an even force, those numbers of it are the rivals. A rival that explains the
+    data better than the cause takes its place.
 
     Args:
         owns: ERR of the measurement alone in each recording [m].
@@ -197,6 +214,7 @@ def named(
             gone astray.
         exact: whether the set-up is as precise as the data tell: then all that is certain is named.
         complete: whether the model leaves nothing that matters.
+        exchange: whether a better rival may take a cause's place.
     """
     at, offer = found.at, found.offer
     result = []
@@ -222,8 +240,12 @@ def named(
         if judge.matters(group, bare):
             offer = offered(at, recordings, begun, offer)
             fits = rivals_of((at, group), bare, recordings, begun, offer, complete=complete)
-            instead |= {effect: _changes(at, e, group) for effect, (e, _) in fits.items()}
-            blocks = {effect: block for effect, (_, block) in fits.items()}
+            better = _best_of(fits, at, recordings, complete=complete) if exchange else None
+            if better is not None:
+                LOG.info("%s, instead of %s", better.proposal.label, group.label)
+                return Named((), {}, found.exchanged(group, (better.at, better.proposal)))
+            instead |= {effect: _changes(at, r.at, group) for effect, r in fits.items()}
+            blocks = {effect: r.values for effect, r in fits.items()}
             result.append(_cause(group, blocks, at, bare))
         elif twins := strained(bare, at):
             values = bare.model.settings.effects
@@ -246,7 +268,25 @@ def named(
             result.append(_cause(first, others, at, setup))
     causes = _merged(result)
     told = {rival for cause in causes for rival in cause.rivals}
-    return causes, shifts | {r: instead[r] for r in told & instead.keys()}
+    return Named(causes, shifts | {r: instead[r] for r in told & instead.keys()})
+
+
+def _best_of(
+    fits: Mapping[str, Rival], at: Evaluation, recordings: Sequence[Recording], *, complete: bool
+) -> Rival | None:
+    """The rival that explains the data best, if it certainly explains them better than a model.
+
+    Beside a missing cause, where evidence tells little, it must come nearer to the shapes, too.
+
+    Args:
+        fits: rivals of one of the model's causes, by their names.
+    """
+    best = max(fits.values(), key=lambda r: r.at.posterior.evidence, default=None)
+    if best is None or not tells_apart(best.at, at):
+        return None
+    if not complete and nearest_err(best.at, recordings) > nearest_err(at, recordings):
+        return None
+    return best
 
 
 @dataclass(frozen=True)

@@ -78,8 +78,10 @@ class Search:
         return next((c for c in self.causes if c.effect == effect), None)
 
     def exchanged(self, cause: Proposal, trial: Trial) -> Search:
-        """The result with a trial in the place of a cause."""
+        """The result with a trial in the place of a cause, or of a number of the set-up."""
         at, proposal = trial
+        if not any(c is cause for c in self.causes):
+            return replace(self, at=at, causes=(*self.causes, proposal))
         causes = tuple(proposal if c is cause else c for c in self.causes)
         return replace(self, at=at, causes=causes)
 

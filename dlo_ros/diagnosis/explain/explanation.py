@@ -15,9 +15,6 @@ from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.thresholds import FAR
 from dlo_ros.spline import FloatArray
 
-Naming = Callable[[], tuple[tuple[Cause, ...], Shifts]]
-"""Gives the causes, and the shifts of the other numbers without each."""
-
 
 @dataclass(frozen=True)
 class Explanation:
@@ -36,8 +33,8 @@ class Explanation:
             guess, or a rival stands in a cause's place.
         exact: whether the set-up is as precise as the data tell, see `exact_setup`.
         contact: what may have been hit; None: nothing.
-        naming: function that gives the causes and the shifts without them, where they are not known
-            yet: see `with_names`.
+        naming: function that gives the explanation with its causes, where they are not known yet:
+            see `with_names`.
         uncertain: causes that what was learned from shows, but all that may be learned from does
             not show for certain, see `still_certain`.
     """
@@ -53,18 +50,16 @@ class Explanation:
     shifts: Shifts = field(default_factory=dict)
     exact: bool = False
     contact: Contact | None = None
-    naming: Naming | None = None
+    naming: Callable[[], Explanation] | None = None
     uncertain: tuple[Cause, ...] = ()
 
     def with_names(self) -> Explanation:
         """The explanation with its causes, which take many fits to be certain of.
 
-        An explanation that is only the way to another one needs none.
+        It is another one where a rival of a cause explains the data better. An explanation that is
+        only the way to another one needs no names.
         """
-        if self.naming is None:
-            return self
-        causes, shifts = self.naming()
-        return replace(self, causes=causes, shifts={**self.shifts, **shifts}, naming=None)
+        return self if self.naming is None else self.naming()
 
     @property
     def doubts(self) -> tuple[Mapping[str, float], ...]:

@@ -18,7 +18,6 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
 )
 from dlo_ros.diagnosis.explain.cause_naming import (
     Cause,
-    Shifts,
     beside_contact,
     named,
     without_dampings,
@@ -63,6 +62,9 @@ from dlo_ros.inference.thresholds import (
 from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)
+
+EXCHANGES = 3
+"""Causes in whose place a rival may be put one after the other: each time it explains more."""
 
 
 @dataclass(frozen=True)
@@ -158,18 +160,34 @@ def explain_again(prepared: Prepared, given: Settings, known: Explanation) -> Ex
     if in_vain and (known.exact or leaves_something(at, recordings, enough)):
         return None
     found = Search(at, () if in_vain else known.proposals, known.trace, None)
-    if not in_vain and at.mean_err > max(OWN * own_err(at, recordings), enough):
-        begun, present = starts(prepared.scene), known.proposals
-        more = search(at, prepared.meant, recordings, begun, enough, present=present)
-        found = replace(more, trace=(*known.trace, *more.trace))
+    if not in_vain:
+        found = _with_more(prepared, found, enough)
     return _concluded(prepared, given, found, prepared.setup, known.contact, exact=known.exact)
+
+
+def _with_more(prepared: Prepared, found: Search, enough: float) -> Search:
+    """A search's result with further causes, where it leaves something that matters.
+
+    Args:
+        enough: ERR [m] below which no cause is looked for.
+    """
+    at, recordings = found.at, prepared.recordings
+    if at.mean_err <= max(OWN * own_err(at, recordings), enough):
+        return found
+    begun = starts(prepared.scene)
+    more = search(at, prepared.meant, recordings, begun, enough, present=found.causes)
+    return replace(more, trace=(*found.trace, *more.trace))
 
 
 def _concluded(
     prepared: Prepared, given: Settings, found: Search, setup: Evaluation, contact: Contact | None,
-    *, exact: bool,
+    *, exact: bool, exchanges: int = EXCHANGES,
 ) -> Explanation:  # fmt: skip
-    """The explanation that a search has found, without needless causes; these are named later."""
+    """The explanation that a search has found, without needless causes; these are named later.
+
+    Args:
+        exchanges: causes in whose place a rival may still be put.
+    """
     recordings, begun = prepared.recordings, starts(prepared.scene)
     found = with_segment_elsewhere(found, recordings, begun)
     found = with_turned_wall(found, recordings)
@@ -196,23 +214,32 @@ def _concluded(
     material = material_err(own, given)
     nameable = _nameable_err(found, setup, prepared, own)
 
-    def naming() -> tuple[tuple[Cause, ...], Shifts]:
+    # A result that is the set-up alone stays the set-up.
+    unnamed = Explanation(
+        near if setup is found.at else setup, near, (), own, material, nameable, found.causes,
+        found.trace, pruned, exact, contact,
+    )  # fmt: skip
+
+    def naming() -> Explanation:
         whole = near.mean_err < material
-        causes, shifts = named(
-            found, setup, bares, recordings, begun, owns, nameable, exact=exact, complete=whole
-        )
+        causes, shifts, better = named(
+            found, setup, bares, recordings, begun, owns, nameable, exact=exact, complete=whole,
+            exchange=exchanges > 0,
+        )  # fmt: skip
+        if better is not None:
+            more = _with_more(prepared, better, material_err(0.0, given))
+            again = _concluded(
+                prepared, given, more, setup, contact, exact=exact, exchanges=exchanges - 1
+            )
+            return again.with_names()
         causes = beside_contact(causes, contact, complete=whole)
         if not whole:
             causes = _no_stand_ins(causes, replace(found, at=near), prepared)
         if near.mean_err >= OWN * material:
             causes = without_dampings(causes, near)
-        return causes, shifts
+        return replace(unnamed, causes=causes, shifts={**pruned, **shifts})
 
-    # A result that is the set-up alone stays the set-up.
-    return Explanation(
-        near if setup is found.at else setup, near, (), own, material, nameable, found.causes,
-        found.trace, pruned, exact, contact, naming,
-    )  # fmt: skip
+    return replace(unnamed, naming=naming)
 
 
 def _is_complete(at: Evaluation, recordings: Sequence[Recording], given: Settings) -> bool:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from dlo_ros.diagnosis.explain.candidate_trials import (
     FIRST_ITERATIONS,
@@ -17,6 +18,7 @@ from dlo_ros.diagnosis.explain.certainty import strained
 from dlo_ros.diagnosis.explain.far_starts import in_its_place
 from dlo_ros.diagnosis.explain.left_out import linear_loss, without
 from dlo_ros.diagnosis.explain.offered_effects import Offer, ranked_proposals
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects import Start, effects
 from dlo_ros.effects.equivalence import Equivalence
 from dlo_ros.effects.start import Block
@@ -33,11 +35,25 @@ RIVAL_FITS = 3
 """Effects of the largest predicted gains that are fitted in a cause's place."""
 
 
+class Rival(NamedTuple):
+    """A fit with another effect in a cause's place.
+
+    Args:
+        at: the fit.
+        proposal: the effect.
+        values: what was fitted of it.
+    """
+
+    at: Evaluation
+    proposal: Proposal
+    values: Block
+
+
 def rivals_of(
     named: Trial, bare: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start],
     offer: Offer, *, complete: bool,
-) -> dict[str, tuple[Evaluation, Block]]:  # fmt: skip
-    """Effects that explain the data as well where a cause is at neutral, fitted, with their values.
+) -> dict[str, Rival]:  # fmt: skip
+    """Effects that explain the data as well where a cause is at neutral, by their names.
 
     While other causes are missing, evidence tells two of them apart no better than `CLEARLY_LESS`.
 
@@ -51,7 +67,7 @@ def rivals_of(
     at, group = named
     loss = log_bayes_factor(at, bare)
     missing = loss - WORTH if complete else CLEARLY_LESS * loss
-    result: dict[str, tuple[Evaluation, Block]] = {}
+    result: dict[str, Rival] = {}
 
     def as_well(there: Evaluation) -> bool:
         return not tells_apart(at, there) if complete else log_bayes_factor(there, bare) >= missing
@@ -64,7 +80,7 @@ def rivals_of(
             values = there.model.settings.effects.get(proposal.effect, {})
             fitted_ = {split_name(p.name)[1] for p in proposal.parameters if p.effect}
             block = {key: v for key, v in values.items() if key in fitted_}
-            result[proposal.effect] = there, block
+            result[proposal.effect] = Rival(there, proposal, block)
 
     for trial in (*in_its_place(named, recordings, begun), *_freed(named, bare, recordings)):
         taken(trial)

@@ -74,6 +74,7 @@ class Learned:
         masks: frames of each recording of the beginning that are held out, shape (F,).
         err: errors of the full model with values that know nothing of the frames held out.
         predicting: the fit that has these values.
+        parts: what these values were fitted to.
     """
 
     explanation: Explanation
@@ -81,6 +82,7 @@ class Learned:
     masks: tuple[np.ndarray, ...]
     err: Errors
     predicting: Evaluation | None = None
+    parts: tuple[Recording, ...] = ()
 
     @property
     def mean_err(self) -> float | None:
@@ -194,15 +196,37 @@ def learn(
     found = explain_again(training.prepared, given, known) if known is not None else None
     found = found or explain(training.prepared, given, contacts())
     chosen = [k for k, mask in enumerate(masks) if not mask.any()]
-    learned = [recordings[k] for k in chosen]
+    parts = [recordings[k] for k in chosen]
     rough = dict(zip(chosen, training.prepared.recordings, strict=True))
     if len(recordings) == count and held_out is None and min(frames) >= FEWEST:
         masks = [np.arange(f) >= (holdout.TRAINED + 0.1) * (f - 1) for f in frames]
         stops = [int(holdout.TRAINED * (f - 1)) + 1 for f in frames]
-        learned = [r.until(s) for r, s in zip(recordings, stops, strict=True)]
-    predicting = refitted(found.at, learned)
-    err = errors_of(predicting.model, recordings, masks)
-    return Learned(found, rough, tuple(masks), err, predicting)
+        parts = [r.until(s) for r, s in zip(recordings, stops, strict=True)]
+    return _predicting(
+        Learned(found, rough, tuple(masks), Errors(), parts=tuple(parts)), recordings
+    )
+
+
+def _predicting(learned: Learned, recordings: Sequence[Recording]) -> Learned:
+    """The same with values that know nothing of what is held out, and their errors.
+
+    Args:
+        recordings: all of the beginning's.
+    """
+    predicting = refitted(learned.explanation.at, learned.parts)
+    err = errors_of(predicting.model, recordings, learned.masks)
+    return replace(learned, err=err, predicting=predicting)
+
+
+def with_names(learned: Learned, recordings: Sequence[Recording]) -> Learned:
+    """The same with the causes of its explanation, in which rivals may have taken their place.
+
+    Args:
+        recordings: all of the beginning's.
+    """
+    named = replace(learned, explanation=learned.explanation.with_names())
+    changed = named.explanation.at is not learned.explanation.at
+    return _predicting(named, recordings) if changed else named
 
 
 def all_learned_from(learned: Learned) -> bool:

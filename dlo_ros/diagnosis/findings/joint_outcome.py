@@ -105,6 +105,9 @@ def joint_outcome(
 ) -> Diagnosis:
     """Measure ERR on held-out data, fit the model to all recordings, and put all together.
 
+    Args:
+        learned: what was learned, with the names of causes.
+
     Raises:
         SimulationError: a recording cannot be simulated, with the set-up alone either.
     """
@@ -187,7 +190,7 @@ def _final(
     Raises:
         SimulationError: a recording cannot be simulated with either.
     """
-    found = learned.explanation.with_names()
+    found = learned.explanation
     recordings = with_resolved_extents(recordings, found.at.model.settings)
     at = _completed(found.at, recordings, known, learned.predicting)
     compared = recordings
