@@ -31,7 +31,7 @@ from dlo_ros.diagnosis.explain.rivals import Rival, rivals_of
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Start, effects
 from dlo_ros.inference.joint import Evaluation
-from dlo_ros.inference.joint_fit import approached, nearest_err
+from dlo_ros.inference.joint_fit import approached
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.model_comparison import certain_gain, log_bayes_factor, tells_apart
 from dlo_ros.inference.plain_rod import taken_for_plain
@@ -276,7 +276,8 @@ def _best_of(
 ) -> Rival | None:
     """The rival that explains the data best, if it certainly explains them better than a model.
 
-    Beside a missing cause, where evidence tells little, it must come nearer to the shapes, too.
+    Beside a missing cause, where evidence tells little, it must come nearer to the shapes, too, by
+    as much as a cause does.
 
     Args:
         fits: rivals of one of the model's causes, by their names.
@@ -284,9 +285,7 @@ def _best_of(
     best = max(fits.values(), key=lambda r: r.at.posterior.evidence, default=None)
     if best is None or not tells_apart(best.at, at):
         return None
-    if not complete and nearest_err(best.at, recordings) > nearest_err(at, recordings):
-        return None
-    return best
+    return best if complete or not takes_little((best.at, best.proposal), at, recordings) else None
 
 
 @dataclass(frozen=True)
