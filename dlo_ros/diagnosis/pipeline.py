@@ -74,14 +74,14 @@ def diagnose(
         beginning = _begun([*recordings, *holdout], given, better)
         whole = found.explanation.at.mean_err < found.explanation.material_err
         plain, found = _explained(beginning, count, given, progress, found if whole else None)
-    progress("refining the simulation", 0.0)
-    sharper = _sharper(plain, found, beginning)
-    if sharper is not None:
-        beginning = sharper
-        plain, found = _explained(beginning, count, given, progress, found)
+    beginning, plain, found = _refined(beginning, plain, found, count, given, progress)
+    progress("naming the causes", 1.0)
+    named = with_names(found, beginning.recordings)
+    if named.explanation.at is not found.explanation.at:  # a rival has come nearer than a cause
+        beginning, plain, found = _refined(beginning, plain, named, count, given, progress)
+        named = with_names(found, beginning.recordings)
     progress("measuring the gain", 1.0)
-    found = with_names(found, beginning.recordings)
-    outcome = joint_outcome(beginning, plain, found, given)
+    outcome = joint_outcome(beginning, plain, named, given)
     return with_forces(outcome, recordings, given, _left_out(beginning))
 
 
@@ -174,6 +174,18 @@ def _better_plain_model(
     except SimulationError:
         return None
     return model if at.mean_err < CLEARLY_LESS * plain.mean_err else None
+
+
+def _refined(
+    beginning: Beginning, plain: Evaluation, found: Learned, count: int, given: Settings,
+    progress: Progress,
+) -> tuple[Beginning, Evaluation, Learned]:  # fmt: skip
+    """The same with a finer simulation, where what was found comes so near that it needs one."""
+    progress("refining the simulation", 0.0)
+    sharper = _sharper(plain, found, beginning)
+    if sharper is None:
+        return beginning, plain, found
+    return sharper, *_explained(sharper, count, given, progress, found)
 
 
 def _sharper(plain: Evaluation, found: Learned, beginning: Beginning) -> Beginning | None:
