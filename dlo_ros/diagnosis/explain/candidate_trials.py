@@ -183,8 +183,8 @@ def _chosen(
 
 
 def _at_once(
-    chosen: Sequence[Beginning],
-    offers: Sequence[tuple[Evaluation, Sequence[PredictedGain]]], recordings: Sequence[Recording],
+    chosen: Sequence[Beginning], offers: Sequence[tuple[Evaluation, Sequence[PredictedGain]]],
+    recordings: Sequence[Recording],
 ) -> list[Beginning]:  # fmt: skip
     """What may have happened at once, of effects that are fitted as going on all the time.
 

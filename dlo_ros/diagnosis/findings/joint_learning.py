@@ -202,9 +202,8 @@ def learn(
         masks = [np.arange(f) >= (holdout.TRAINED + 0.1) * (f - 1) for f in frames]
         stops = [int(holdout.TRAINED * (f - 1)) + 1 for f in frames]
         parts = [r.until(s) for r, s in zip(recordings, stops, strict=True)]
-    return _predicting(
-        Learned(found, rough, tuple(masks), Errors(), parts=tuple(parts)), recordings
-    )
+    learned = Learned(found, rough, tuple(masks), Errors(), parts=tuple(parts))
+    return _predicting(learned, recordings)
 
 
 def _predicting(learned: Learned, recordings: Sequence[Recording]) -> Learned:
