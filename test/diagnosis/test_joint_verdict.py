@@ -337,15 +337,15 @@ def test_a_model_that_a_recording_refuses_is_dropped_and_its_set_up_kept(monkeyp
     cause = Cause("clamp_angle", ("effects.clamp_angle.start",), {}, 9.0, 1e-2)
     found = Explanation(setup, broken, (cause,), 1e-4, 2e-4, 1e-5, (), ())
     learned = Learned(found, {}, (np.zeros(len(setup.err[0]), dtype=bool),), Errors())
-    real = joint_outcome.simulate
+    real, ratio = joint_outcome.simulate, broken.model.settings.rod.specific_modulus
 
     def refused(model, *args, **kwargs):
-        if model.settings == broken.model.settings:
+        if model.settings.rod.specific_modulus == pytest.approx(ratio, rel=1e-3):
             raise SimulationError("simple: no static equilibrium")
         return real(model, *args, **kwargs)
 
     monkeypatch.setattr(joint_outcome, "simulate", refused)
-    monkeypatch.setattr(joint_outcome, "refitted", lambda at, _: at)
+    monkeypatch.setattr(joint_outcome, "refitted", lambda at, *_: at)
     told = joint_outcome.joint_outcome(begun, begun.at, learned, given)
     assert told.effects == () and told.setup
     assert "no static equilibrium" in caplog.text
@@ -363,7 +363,7 @@ def test_what_comes_no_nearer_than_the_plain_model_explains_nothing(monkeypatch)
     setup = training_set(begun, 1, begun.at.model.settings, given).prepared.setup
     found = Explanation(setup, setup, (), 1e-4, 2e-4, 1e-5, (), ())
     far, mask = np.full(len(setup.err[0]), 1.0), np.zeros(len(setup.err[0]), dtype=bool)
-    monkeypatch.setattr(joint_outcome, "refitted", lambda at, _: at)
+    monkeypatch.setattr(joint_outcome, "refitted", lambda at, *_: at)
     told = joint_outcome.joint_outcome(
         begun, begun.at, Learned(found, {}, (mask,), Errors(None, [far])), given
     )
