@@ -19,6 +19,7 @@ from conftest import ROOT
 from dlo_ros.cli import main as cli
 from dlo_ros.demo.plan import params_beside, plan_run
 from dlo_ros.errors import InputError, RecordingError
+from dlo_ros.own_process import command_of
 from dlo_ros.parameters import RodParameters, Settings
 from dlo_ros.recordings import (
     BAG_MESSAGES,
@@ -128,7 +129,7 @@ def demo(tmp_path):
 
 def children_of(pid, count, seconds=120.0):
     """Process ids of the nodes that a demo has started, by their names."""
-    deadline = time.monotonic() + seconds
+    own, deadline = command_of("dlo_ros"), time.monotonic() + seconds
     while time.monotonic() < deadline:
         found = {}
         for folder in Path("/proc").iterdir():
@@ -137,8 +138,8 @@ def children_of(pid, count, seconds=120.0):
             with contextlib.suppress(OSError):
                 parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
                 words = (folder / "cmdline").read_bytes().decode().split("\0")
-                if int(parent) == pid and "dlo_ros" in words:
-                    found[words[words.index("dlo_ros") + 1]] = int(folder.name)
+                if int(parent) == pid and words[: len(own)] == own:
+                    found[words[len(own)]] = int(folder.name)
         if len(found) >= count:
             return found
         time.sleep(0.05)

@@ -18,7 +18,7 @@ from itertools import permutations
 
 import numpy as np
 
-from dlo_ros.effects import Scene, Start
+from dlo_ros.effects import Scene, Start, quantities
 from dlo_ros.identification.design.expected_information import (
     Noise,
     Plan,
@@ -116,9 +116,10 @@ def discriminate(
     """
     names = {e.effect for e in explanations}
     plain = settings.with_effects({k: v for k, v in settings.effects.items() if k not in names})
+    plain = _with_same_spans(plain, explanations)
     recording = plan.manipulation()
     bare = forecast(recording, plain, spans=spans)
-    spans = bare.spans  # of all explanations, so that errors of the discretisation cancel
+    spans = bare.spans  # of all explanations, see `_with_same_spans`
     view = scene(plain, imposed_names([recording]), [bare.predicted[:, :, :3]])
 
     models = [_model(e, explanations, plain, view) for e in explanations]
@@ -141,6 +142,19 @@ def discriminate(
         plan, tuple(e.effect for e in explanations), evidence, found[pair[0]],
         fits[pairs.index(pair)][1], reliable,
     )  # fmt: skip
+
+
+def _with_same_spans(plain: Settings, explanations: Sequence[Explanation]) -> Settings:
+    """The plain model with the knot spans that one of the explanations needs.
+
+    Where a grip gives, spans beside it are short. It gives by nothing in all models then: errors of
+    the discretisation would separate what nothing else does.
+    """
+    for e in explanations:
+        if plain.with_effects({e.effect: dict(e.block)}).gives and not plain.gives:
+            neutral = {key: quantities(e.effect)[key].neutral for key in e.block}
+            return plain.with_effects({**plain.effects, e.effect: neutral})
+    return plain
 
 
 def _model(
