@@ -18,6 +18,7 @@ from dlo_ros.errors import InputError, ParameterError, SimulationError
 from dlo_ros.identification.design.expected_information import Noise
 from dlo_ros.identification.design.model_discrimination import (
     _model,
+    _with_same_spans,
     discriminate,
     hardest,
 )
@@ -60,6 +61,14 @@ def test_a_grip_that_gives_is_a_turned_one_at_rest_and_another_in_motion():
     assert found.gain > SURE
     assert found.reliable and set(found.pair) == {"clamp_compliance", "clamp_angle"}
     assert len(found.imitation) == len(found.forecast.predicted)
+
+
+def test_all_explanations_have_the_short_spans_that_one_of_them_needs():
+    """A grip that gives next to nothing was separated from nothing by errors of discretisation."""
+    plain = _with_same_spans(PAPER, [TURNED, GIVES])
+    assert plain.gives and plain.effects == {"clamp_compliance": {"start": 0.0}}
+    assert _with_same_spans(plain, [GIVES]) is plain
+    assert _with_same_spans(PAPER, [TURNED, CREEP]) is PAPER
 
 
 def test_a_mass_at_a_held_end_is_not_seen():
