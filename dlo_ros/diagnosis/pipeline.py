@@ -180,7 +180,7 @@ def _refined(
     beginning: Beginning, plain: Evaluation, found: Learned, count: int, given: Settings,
     progress: Progress,
 ) -> tuple[Beginning, Evaluation, Learned]:  # fmt: skip
-    """The same with a finer simulation, where what was found comes so near that it needs one."""
+    """The explanation with a finer simulation, where it comes so near that it needs one."""
     progress("refining the simulation", 0.0)
     sharper = _sharper(plain, found, beginning)
     if sharper is None:

@@ -46,8 +46,8 @@ def at_rest(settings, angle, curvature):
 @pytest.mark.parametrize("stiffer", [0.3, 1.0, 3.0])
 @pytest.mark.parametrize(("angle", "curvature"), [(1.3, -4.0), (0.0, -4.0), (0.0, 0.0), (0.0, 4.0)])
 def test_with_a_grip_that_gives_little_a_dlo_rests_as_in_a_rigid_one(stiffer, angle, curvature):
-    """Beside the grip its knot spans are half a millimetre short. From the observed shape itself
-    the search ended elsewhere in two thirds of these cases, unstable or nowhere.
+    """Knot spans beside the grip are half a millimetre long. From the observed shape itself the
+    search ended elsewhere in two thirds of these cases, unstable or nowhere.
     """
     hose = HOSE.with_material(stiffer * 5e6, 3342.0)
     rigid, gives = (

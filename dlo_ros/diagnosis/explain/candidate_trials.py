@@ -186,10 +186,10 @@ def _at_once(
     chosen: Sequence[Beginning], offers: Sequence[tuple[Evaluation, Sequence[PredictedGain]]],
     recordings: Sequence[Recording],
 ) -> list[Beginning]:  # fmt: skip
-    """What may have happened at once, of effects that are fitted as going on all the time.
+    """Beginnings of sudden events, of effects that are fitted as going on all the time.
 
-    At the wrong moment it gains less, and no derivative leads to the right one: it begins at that
-    of the largest predicted gain.
+    At the wrong moment an event gains less, and no derivative leads to the right one: its fit
+    begins at that of the largest predicted gain.
     """
     proposals = [c.predicted.proposal for c in chosen]
     even = {p.effect for p in proposals}

@@ -207,7 +207,7 @@ def learn(
 
 
 def _predicting(learned: Learned, recordings: Sequence[Recording]) -> Learned:
-    """The same with values that know nothing of what is held out, and their errors.
+    """The explanation with values that know nothing of the held-out data, and their errors.
 
     Args:
         recordings: all of the beginning's.
@@ -218,7 +218,7 @@ def _predicting(learned: Learned, recordings: Sequence[Recording]) -> Learned:
 
 
 def with_names(learned: Learned, recordings: Sequence[Recording]) -> Learned:
-    """The same with the causes of its explanation, in which rivals may have taken their place.
+    """The explanation with its causes, in whose places rivals may be now, and the errors with them.
 
     Args:
         recordings: all of the beginning's.
