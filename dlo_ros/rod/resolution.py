@@ -141,7 +141,6 @@ class _Path:
             SimulationError: there is none at the first instant.
         """
         model, boundary = build(settings, command, spans)
-        state = first_guess(model, boundary, command, stamps[0], shape)
         # What bending and friction remember has no counterpart in another basis.
         lift = near is not None and not any(model.remembers)
         yield
@@ -151,6 +150,8 @@ class _Path:
                 if k == len(near.states):
                     break
                 state = refined(near.states[k], near.model, model)
+            elif k == 0:
+                state = first_guess(model, boundary, command, stamp, shape)
             try:
                 state = settle(model, boundary, state, command, stamp, fresh=k == 0).state
             except SimulationError as err:

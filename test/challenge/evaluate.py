@@ -96,12 +96,18 @@ def solve(challenge: Challenge, folder: Path) -> Case:
     seconds = time.monotonic() - began
     if status:
         return Case(kind, tuple(hidden), "failed", (), seconds, None, 0, 0)
-    report = json.loads((output / "report.json").read_text())
+    return case_of(challenge, json.loads((output / "report.json").read_text()), seconds)
+
+
+def case_of(challenge: Challenge, report: dict, seconds: float) -> Case:
+    """A challenge and its outcome, by the tool's report."""
+    hidden = challenge.effects | challenge.foreign
     named = tuple(e["name"] for e in report["effects"])
     after, floor = report["extended"]["err_holdout"], report["noise_floor"]
     gain = after / floor if named and after and floor else None
     outcome = judge(set(challenge.effects), report)
-    return Case(kind, tuple(hidden), outcome, named, seconds, gain, *compare(hidden, report))
+    missed = compare(hidden, report)
+    return Case(challenge.kind, tuple(hidden), outcome, named, seconds, gain, *missed)
 
 
 def by_effect(cases: list[Case], names: list[str]) -> list[str]:

@@ -11,7 +11,7 @@ import json
 import pytest
 from challenge import draw
 from challenge.draws import NAMED, OTHERS
-from challenge.evaluate import Case, compare, good, judge
+from challenge.evaluate import case_of, compare, good
 
 from dlo_ros.cli.main import main as dlo_ros
 
@@ -58,10 +58,8 @@ def solved(folder, seed, kind, names, *, images=False, workers=2):
 
 def named(challenge, report):
     """Whether what was hidden is found."""
-    outcome = judge(set(challenge.effects), report)
-    names, hidden = tuple(e["name"] for e in report["effects"]), tuple(challenge.effects)
-    case = Case(challenge.kind, hidden, outcome, names, 0.0, None, 0, 0)
-    assert good(case), (outcome, report["effects"], report["candidates"][:4])
+    case = case_of(challenge, report, 0.0)
+    assert good(case), (case.outcome, report["effects"], report["candidates"][:4])
 
 
 def held(challenge, report):
