@@ -76,6 +76,18 @@ def test_what_is_known_badly_may_be_none_of_less_than_twice(turned):
     assert "clamp_angle" not in named(replace(turned, posterior=wide))
 
 
+@pytest.mark.parametrize(("stds", "certain"), [(5.0, False), (7.0, True)])
+def test_it_may_be_one_as_little_beyond_as_it_is_known_well(turned, stds, certain):
+    """Other laws than the true ones shift a number by up to five times its std."""
+    k = turned.model.index("effects.clamp_angle.start")
+    theta = turned.model.theta()
+    theta[k] = np.sign(theta[k]) * 1.1 * TOLERANCE
+    scale = 0.1 * TOLERANCE / stds / np.sqrt(turned.posterior.covariance[k, k])
+    known = replace(turned.posterior, covariance=scale**2 * turned.posterior.covariance)
+    at = replace(turned, model=turned.model.at(theta), posterior=known)
+    assert ("clamp_angle" in named(at)) == certain
+
+
 @pytest.mark.parametrize(
     ("shift", "certain"),
     [(-1.5, True), (-1.15, False), (1.5, False), (-0.8, False), (-2.5, True), (2.5, True)],

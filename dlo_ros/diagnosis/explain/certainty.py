@@ -12,7 +12,7 @@ from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Quantity, effects, quantities
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.parameter import SLAB, Parameter, ParametricModel, split_name
-from dlo_ros.inference.thresholds import BEYOND, CERTAIN, NOTABLE
+from dlo_ros.inference.thresholds import BEYOND, CERTAIN, NOTABLE, UNDERSTATED
 from dlo_ros.inference.widened_covariance import widened_covariance
 from dlo_ros.spline import FloatArray
 
@@ -39,23 +39,26 @@ def beyond(at: Evaluation, covariance: FloatArray | None = None) -> list[Proposa
 def beyond_for_certain(at: Evaluation, group: Proposal, covariance: FloatArray) -> bool:
     """Whether a size lies more than one tolerance off, by more than its uncertainty.
 
-    Laws that are not the true ones shift every number, by as much as counts as neutral (`NOTABLE`):
-    it must lie that much farther off.
+    Laws that are not the true ones shift every number in proportion to its standard deviation
+    (`UNDERSTATED`), and it must lie that much farther off.
 
     A damping that is only guessed is such a size where there is more of it: something damps the
-    DLO then. Less of it is a guess that was too high.
+    DLO then. Less of it is a guess that was too high, and a little more (`NOTABLE`) what a damping
+    takes up of another law.
 
     Args:
         group: group with the priors of a cause.
         covariance: of all parameters, shape (P, P).
     """
     offset = at.model.offset()
-    less = any(p.guessed and offset[at.model.index(p.name)] > 0.0 for p in group.parameters)
+    guessed = [p.name for p in group.parameters if p.guessed]
+    less = any(offset[at.model.index(name)] > 0.0 for name in guessed)
+    farthest = 1.0 + (NOTABLE if guessed else 0.0)
     sizes = _sizes(at, group, covariance)
     return (
         group.from_nothing
         and not less
-        and any(off > 1.0 + NOTABLE + CERTAIN * std for off, std in sizes)
+        and any(off > farthest + UNDERSTATED * CERTAIN * std for off, std in sizes)
     )
 
 

@@ -5,15 +5,21 @@ A parameter that moves alone, by the std that it would have with all others know
 posterior by one half. Where a motion is unstable, or sticks and slips, the derivatives at one point
 may be far larger than any change that the parameter really makes, and it does not; a std taken from
 them is too small.
+
+By how much is not known: with all others free it is mostly what other derivatives tell that limits
+a parameter. What has been seen is a fit without the cause. A cause of a size known no better than
+that would be missed less.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.peg_size import PEG, peg_factors
 from dlo_ros.diagnosis.explain.turned_walls import WALL
 from dlo_ros.diagnosis.findings.wall_direction import wall_factors
@@ -41,22 +47,41 @@ class Widening:
     material: float = 1.0
 
 
-def confirmed(at: Evaluation, recordings: Sequence[Recording], names: Iterable[str]) -> Widening:
-    """The factors of some parameters and of the material.
+def confirmed(
+    at: Evaluation, recordings: Sequence[Recording], causes: Sequence[Cause]
+) -> Widening:  # fmt: skip
+    """The factors of the parameters of some causes and of the material.
 
     Args:
         at: a fit; where it is not one to these recordings, nothing can be confirmed.
-        names: of the parameters; those that the model does not contain have none.
+        causes: the causes; parameters that the model does not contain have no factor.
     """
     if len(at.err) != len(recordings):
         return Widening()
     ratio = at.model.axis("young_modulus") - at.model.axis("density")
-    known = [n for n in names if n in at.model.names]
-    factors = {n: factor_along(at, recordings, at.model.axis(n)) for n in known}
+    factors: dict[str, float] = {}
+    for cause in causes:
+        names, most = [n for n in cause.names if n in at.model.names], _largest(at, cause)
+        for n in names:
+            wider = factor_along(at, recordings, at.model.axis(n)) if most > 1.0 else 1.0
+            factors[n] = min(wider, most)
     for hit, factors_of in ((WALL, wall_factors), (PEG, peg_factors)):
-        wider = factors_of(at, recordings) if set(hit) & set(known) else {}
-        factors |= {n: max(factor, factors.get(n, 1.0)) for n, factor in wider.items()}
+        of_it = factors_of(at, recordings) if set(hit) & set(factors) else {}
+        factors |= {n: max(factor, factors.get(n, 1.0)) for n, factor in of_it.items()}
     return Widening(factors, factor_along(at, recordings, ratio))
+
+
+def _largest(at: Evaluation, cause: Cause) -> float:
+    """The factor with which a cause would be missed as little as it was; infinite where neutral is
+    not where its parameters' priors lie.
+    """
+    k = [at.model.index(n) for n in cause.names if n in at.model.names]
+    from_neutral = all(at.model.parameters[j].tolerated or at.model.parameters[j].guessed for j in k)
+    if not k or not from_neutral or cause.evidence <= 0.0:
+        return math.inf
+    off = at.model.offset()[k]
+    expected = float(off @ np.linalg.solve(at.posterior.covariance[np.ix_(k, k)], off)) / 2.0
+    return max(1.0, math.sqrt(expected / cause.evidence))
 
 
 def factor_along(at: Evaluation, recordings: Sequence[Recording], weights: FloatArray) -> float:

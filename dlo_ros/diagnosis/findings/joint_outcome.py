@@ -200,7 +200,7 @@ def _final(
             at = fit(at, compared, FINAL_ITERATIONS, loss=TO_REPORT)
     fitted_to = compared if len(at.err) == len(recordings) else [recordings[k] for k in known]
     at = with_soft_axis(at_guessed_scale(at), fitted_to, given)
-    wider = confirmed(at, compared, [name for c in found.causes for name in c.names])
+    wider = confirmed(at, compared, found.causes)
     covariance = reported_covariance(at, wider.parameters, found.doubts)
     found = still_certain(found, at, covariance)
     try:
