@@ -40,10 +40,8 @@ CASES = {
 # `test_adding_an_effect` finds something by the same ways.
 ORDINARY = frozenset({"nothing"})
 assert CASES.keys() >= ORDINARY
-DEAR = {
-    "a peg round which the rope whips": (7, "single", ("obstacle",)),
-    "draughts on heavy ropes": (7, "foreign", ("gusts",)),
-}
+DRAUGHTS = (7, "foreign", ("gusts",))
+WHIP = (7, "single", ("obstacle",))
 
 
 def solved(folder, seed, kind, names, *, images=False, workers=2):
@@ -83,9 +81,19 @@ def test_what_was_hidden_is_found(tmp_path, case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", DEAR)
-def test_what_is_dear_is_found(tmp_path, case):
-    held(*solved(tmp_path, *DEAR[case]))
+def test_draughts_on_heavy_ropes_are_none_of_the_causes(tmp_path):
+    held(*solved(tmp_path, *DRAUGHTS))
+
+
+@pytest.mark.slow
+def test_a_peg_is_found_round_which_the_rope_whips(tmp_path):
+    """From places near it the rope whips otherwise, until one is fitted. What has not been seen yet
+    of a whip hangs on less than the peg's std.
+    """
+    challenge, report = solved(tmp_path, *WHIP)
+    named(challenge, report)
+    assert compare(challenge.effects, report) == (0, 3)
+    assert report["gain"]["low"] > 0.3
 
 
 @pytest.mark.slow

@@ -184,8 +184,7 @@ def test_a_fit_that_leads_a_peg_to_where_a_dlo_has_been_is_not_taken(monkeypatch
     def led(at, *_, **__):
         moved = dict(at.model.settings.effects["obstacle"])
         moved["z"] += ways[-1]
-        settings = at.model.settings.with_effects({"obstacle": moved})
-        there = SimpleNamespace(settings=settings)
+        there = SimpleNamespace(settings=at.model.settings.with_effects({"obstacle": moved}))
         return SimpleNamespace(model=there, fields=[(np.array([1.0]), None)])
 
     monkeypatch.setattr(contact_search, "evaluate", evaluated)
@@ -193,7 +192,8 @@ def test_a_fit_that_leads_a_peg_to_where_a_dlo_has_been_is_not_taken(monkeypatch
     found = {}
     for way in (-0.001, 0.03):
         ways.append(way)
-        found[way] = hit.fitted(peg)
+        found[way] = hit.fitted(peg, 1.0)
+    assert hit.fitted(peg, 0.9) is None
     assert found[-0.001][0] == 1.0 and found[0.03][0] == 4.0
     assert found[0.03][1].block["z"] == pytest.approx(found[-0.001][1].block["z"] + 0.001)
 
@@ -380,7 +380,7 @@ def test_a_hidden_wall_in_space_is_found(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.long
-def test_a_peg_that_does_not_help_is_not_fitted(hidden, monkeypatch):
+def test_a_peg_that_does_not_help_is_none(hidden, monkeypatch):
     settings, beginning, _ = hidden
     monkeypatch.setattr(contact_search._Disturbed, "loss", lambda *_: 1e9)
     assert looked_for(settings, beginning) == []

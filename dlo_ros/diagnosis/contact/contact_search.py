@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -94,8 +95,11 @@ class _Disturbed:
         found = Threads().map(self.loss, some)
         return [(loss, hit) for hit, loss in zip(some, found, strict=True) if loss is not None]
 
-    def fitted(self, hit: Touched) -> tuple[float, Start] | None:
+    def fitted(self, hit: Touched, most: float) -> tuple[float, Start] | None:
         """Fit of a contact's numbers, by a simplex search first, since the loss has jumps.
+
+        Args:
+            most: largest loss of a contact that is worth it.
 
         Returns:
             Sum of squared residuals, and the fitted numbers.
@@ -113,6 +117,8 @@ class _Disturbed:
         }  # fmt: skip
         with np.errstate(invalid="ignore"):  # of places where nothing can be simulated
             found = minimize(left, simplex[0], method="Nelder-Mead", options=options)
+        if not found.fun <= most:
+            return None
         nearest = hit.stepped(found.x, unit)
         try:
             begun = evaluate(self._with(nearest), self.recordings)
@@ -174,7 +180,10 @@ def _contacts(drafts: Sequence[Recording], given: Settings, before: Undisturbed)
     most = min(most, CERTAIN**2 * best)
     fits: list[tuple[float, Start]] = []
     for kind in (pegs, walls_):
-        found = Threads().map(hit.fitted, [h for loss, h in kind if loss <= most])
+        # Round a peg, a little beside its place or smaller than it, a DLO whips another way: the
+        # best of them is fitted in any case.
+        tried = [h for k, (loss, h) in enumerate(kind) if k == 0 or loss <= most]
+        found = Threads().map(partial(hit.fitted, most=most), tried)
         fits += sorted((f for f in found if f is not None), key=lambda f: f[0])[:BEGUN]
     least = min((squares for squares, _ in fits), default=0.0)
     kept = [f for f in fits if f[0] < MUCH_LARGER**2 * least]

@@ -76,7 +76,9 @@ def _largest(at: Evaluation, cause: Cause) -> float:
     not where its parameters' priors lie.
     """
     k = [at.model.index(n) for n in cause.names if n in at.model.names]
-    from_neutral = all(at.model.parameters[j].tolerated or at.model.parameters[j].guessed for j in k)
+    from_neutral = all(
+        at.model.parameters[j].tolerated or at.model.parameters[j].guessed for j in k
+    )
     if not k or not from_neutral or cause.evidence <= 0.0:
         return math.inf
     off = at.model.offset()[k]
