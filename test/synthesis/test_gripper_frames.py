@@ -146,7 +146,8 @@ def played(bag, settings, std):
         heard.predicted[stamp] = line + np.array([0.0, 0.001, 0.001, 0.0])
         heard.tick(stamp)
         heard.err.append((stamp, 0.001))
-        heard.take_estimate(1e7 + 1e5 * k, 2000.0)
+        heard.take_estimate(1e7 + 1e4 * k, 2000.0)
+        heard.simulated.append((stamp, heard.young_modulus / heard.density))
     heard.take_diagnostics({"specific_modulus std [m^2/s^2]": std})
     return heard
 

@@ -18,13 +18,14 @@ from dlo_ros.diagnosis.explain.candidate_trials import Trial, best_trials
 from dlo_ros.diagnosis.explain.cause_search import Search, search
 from dlo_ros.diagnosis.explain.offered_effects import offered, ranked_proposals
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
-from dlo_ros.effects import Start
+from dlo_ros.effects import Start, effects
+from dlo_ros.effects.base import MEASUREMENT
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, evaluate
 from dlo_ros.inference.joint_fit import settled
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.model_comparison import log_bayes_factor
-from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.inference.thresholds import FEWEST_FRAMES, MUCH_LARGER, WORTH
 from dlo_ros.inference.variances import posterior
 
@@ -32,22 +33,46 @@ LOG = logging.getLogger(__name__)
 
 TIGHT = 1e-4
 """Prior standard deviation of such a set-up's numbers, in tolerances: less than shapes tell."""
+SHARED = 0.3
+"""Error that all measured points share, over the std of a single one: a threshold or a shade on the
+DLO shifts them alike, in rendered pictures by a third of it and less."""
 
 
-def exact(model: ParametricModel) -> ParametricModel:
-    """The model with its set-up held at neutral."""
-    return _tightened(model.centred([p.name for p in model.parameters if p.tolerated]), TIGHT)
+def exact(model: ParametricModel, recordings: Sequence[Recording]) -> ParametricModel:
+    """The model with its set-up held at neutral, the camera as far as measured points tell."""
+    shared = SHARED * _points_std(recordings)
+    tight = [
+        p.tightened(max(TIGHT, _seen_as(p, shared, model.settings.rod.length)))
+        for p in model.parameters if p.tolerated
+    ]  # fmt: skip
+    return model.centred([p.name for p in tight]).with_prior(tight)
 
 
 def opened(at: Evaluation) -> Evaluation:
     """A fit whose set-up is open within its tolerances, at the values of another fit."""
-    model = _tightened(at.model, 1.0)
+    model = at.model.with_prior([p.tightened(1.0) for p in at.model.parameters if p.tolerated])
     found = posterior(at.spectra, at.variances, model.offset(), model.precision())
     return replace(at, model=model, posterior=found)
 
 
-def _tightened(model: ParametricModel, tightness: float) -> ParametricModel:
-    return model.with_prior([p.tightened(tightness) for p in model.parameters if p.tolerated])
+def _points_std(recordings: Sequence[Recording]) -> float:
+    """Median std of single measured points [m]; 0 where only splines were measured."""
+    observations = [o for r in recordings for o in r.manipulation.observations]
+    stds = [np.median(o.points.std) for o in observations if o.points is not None]
+    return float(np.median(stds)) if stds else 0.0
+
+
+def _seen_as(p: Parameter, error: float, length: float) -> float:
+    """Tolerances of the camera by which all points seem to be shifted; 0 of all but the camera.
+
+    Args:
+        error: the shift [m].
+        length: length of the DLO [m].
+    """
+    if MEASUREMENT not in effects()[p.effect].acts_on:
+        return 0.0
+    sizes = {"m": error, "rad": error / length, "": error / length}
+    return sizes.get(p.unit, 0.0) * p.tightness / p.std
 
 
 def beside_exact_set_up(
@@ -90,7 +115,7 @@ def beside_exact_set_up(
 
 
 def _fitted(model: ParametricModel, recordings: Sequence[Recording]) -> Evaluation:
-    return settled(evaluate(exact(model), recordings), recordings)
+    return settled(evaluate(exact(model, recordings), recordings), recordings)
 
 
 def _searched(
