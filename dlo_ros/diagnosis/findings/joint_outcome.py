@@ -51,6 +51,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.offline.initial_fit import Beginning
 from dlo_ros.identification.offline.without_own_error import without_own_error
 from dlo_ros.identification.residual_noise import whitened
+from dlo_ros.inference.fixed_errors import shifts_by_fixed_errors
 from dlo_ros.inference.joint import Evaluation, Simulated, simulate
 from dlo_ros.inference.joint_fit import fit, nearest_err
 from dlo_ros.inference.losses import TO_REPORT
@@ -201,6 +202,7 @@ def _final(
     fitted_to = compared if len(at.err) == len(recordings) else [recordings[k] for k in known]
     at = with_soft_axis(at_guessed_scale(at), fitted_to, given)
     wider = confirmed(at, compared, found.causes)
+    found = replace(found, shifts={**found.shifts, **shifts_by_fixed_errors(at, compared)})
     covariance = reported_covariance(at, wider.parameters, found.doubts)
     found = still_certain(found, at, covariance)
     try:
