@@ -86,9 +86,9 @@ NOTABLE = 0.2
 """Tolerances from neutral, from which a number of the set-up is off: two programs that simulate the
 same DLO differ by less."""
 UNDERSTATED = 2.0
-"""Standard deviations that an error may be for each that is stated: laws that are not the true ones
-shift numbers. Of 3000 numbers of the set-up in realistic cases, 1 in 20 was more than 3.4 stated
-ones off, 1 in 100 more than 5."""
+"""Standard deviations that an error may be for each that a fit states: laws that are not the true
+ones shift numbers, and so do errors fixed in space. Of 3000 numbers of the set-up in realistic
+cases, 1 in 20 was more than 3.4 of them off, 1 in 100 more than 5."""
 
 # The measurement.
 TRACKER_ERROR = 0.01
