@@ -46,7 +46,7 @@ def asked(monkeypatch):
         return [ContactBesideSetUp(model.at(moved), FORCE)]
 
     monkeypatch.setattr(module, "contacts_beside_set_up", contacts)
-    monkeypatch.setattr(module, "leaves_something", lambda *_: True)
+    monkeypatch.setattr(module, "leaves_something", lambda at, *_: at.mean_err >= 2e-3)
     monkeypatch.setattr(module, "takes_little", lambda *_: False)
     monkeypatch.setattr(module, "comes_nearer", lambda a, b, _: a.mean_err < b.mean_err)
     hit = SimpleNamespace(trial=(evaluation(150.0, 1e-3), PEG))
@@ -110,6 +110,7 @@ def test_nothing_is_looked_for_where_nothing_is_left_or_a_contact_is_known(
     assert with_contact(found, PAPER, None, (), (), 1e-4) == (found, None)
     assert bool(asked.looked_in) == left
     known = Search(found.at, (CAUSE, PEG), (), None)
+    monkeypatch.setattr(module, "leaves_something", lambda *_: False)
     assert with_contact(known, PAPER, None, (), (), 1e-4, shown=True) == (known, None)
     alone = Search(found.at, (), (), None)
     assert with_contact(alone, PAPER, None, (), (), 1e-4) == (alone, None)
@@ -122,7 +123,7 @@ def test_the_last_cause_may_do_the_work_of_what_was_hit(monkeypatch, asked, left
     bare = fitted_with_a_force()
     segment = SimpleNamespace(label="segment", effect="stiff_segment", parameters=(), start=FORCE)
     found = replace(bare, at=evaluation(100.0, 2e-3, bare.at.model), causes=(CAUSE, segment))
-    monkeypatch.setattr(module, "leaves_something", lambda *_: left)
+    monkeypatch.setattr(module, "leaves_something", lambda at, *_: left and at.mean_err >= 2e-3)
     monkeypatch.setattr(module, "without", lambda at, cause, _: cause is segment and bare.at)
     hit = asked.hit
     monkeypatch.setattr(
@@ -170,7 +171,27 @@ def test_a_wall_that_no_picture_has_shown_may_be_a_peg(monkeypatch, asked, evide
         assert after is found and contact.trial[1] is wall and contact.rivals == rivals
 
 
+@pytest.mark.parametrize(("evidence", "better"), [(160.0, True), (101.0, False)])
+def test_beside_what_was_hit_something_else_may_have_been(monkeypatch, asked, evidence, better):
+    """A peg above a table on which the rope lands, where a segment leaves something."""
+    bare = fitted_with_a_force()
+    wall = SimpleNamespace(label="wall (table)", effect="wall", parameters=())
+    found = replace(bare, causes=(CAUSE, wall))
+
+    def search(at, neutral, recordings, begun, enough, *, present):
+        assert present == (CAUSE, wall, PEG)
+        return Search(evaluation(evidence, 1e-3), present, ("more",), None)
+
+    monkeypatch.setattr(module, "search", search)
+    after, contact = with_contact(found, PAPER, None, (), (), 1e-4, shown=True)
+    assert contact is None  # that is what was hit first
+    assert after.causes == ((CAUSE, wall, PEG) if better else (CAUSE, wall))
+    assert after.trace == (("first", "more") if better else ("first",))
+    assert all(m.names == bare.at.model.names for m in asked.looked_in)
+
+
 def test_nothing_hit_that_needs_no_other_cause_is_looked_for_again(monkeypatch, asked):
+    monkeypatch.setattr(module, "leaves_something", lambda *_: False)
     wall = SimpleNamespace(label="wall (table)", effect="wall", parameters=())
     alone = replace(fitted_with_a_force(), causes=(wall,))
     assert with_contact(alone, PAPER, None, (), (), 1e-4) == (alone, None)

@@ -8,6 +8,7 @@ import pytest
 from rods import PAPER
 
 from dlo_ros.diagnosis.explain import peg_size, profile_loss
+from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.peg_size import PEG, RADIUS, best_sized, peg_factors, resized
 from dlo_ros.diagnosis.findings import confirmed_uncertainty
 from dlo_ros.effects.start import Start
@@ -137,5 +138,8 @@ def test_only_a_peg_that_is_named_is_resized(monkeypatch):
     names = ["young_modulus", "density"]
     at.model = SimpleNamespace(names=(*names, *PEG), axis=lambda _: np.zeros(5))
     found = confirmed_uncertainty.confirmed
-    assert found(at, [None], names).parameters == dict.fromkeys(names, 1.5)
-    assert found(at, [None], PEG).parameters == dict.fromkeys(PEG, 4.0)
+    other = Cause("gravity_tilt", tuple(names), {}, 0.0, 1.0)
+    assert found(at, [None], [other]).parameters == dict.fromkeys(names, 1.5)
+    assert found(at, [None], [Cause("obstacle", PEG, {}, 0.0, 1.0)]).parameters == dict.fromkeys(
+        PEG, 4.0
+    )

@@ -8,6 +8,7 @@ import pytest
 from rods import PAPER
 
 from dlo_ros.diagnosis.explain import profile_loss
+from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.turned_walls import ANGLE, OFFSET
 from dlo_ros.diagnosis.findings import confirmed_uncertainty
 from dlo_ros.diagnosis.findings.wall_direction import turned, wall_factors
@@ -84,5 +85,7 @@ def test_only_a_wall_that_is_named_is_turned(monkeypatch):
     found = confirmed_uncertainty.confirmed
     names = ["young_modulus", "density"]
     at.model = SimpleNamespace(names=(*names, OFFSET, ANGLE), axis=lambda _: np.zeros(4))
-    assert found(at, [None], names).parameters == dict.fromkeys(names, 1.5)
-    assert found(at, [None], [OFFSET, ANGLE]).parameters == {OFFSET: 4.0, ANGLE: 1.5}
+    wall = Cause("wall", (OFFSET, ANGLE), {}, 0.0, 1.0)
+    other = Cause("gravity_tilt", tuple(names), {}, 0.0, 1.0)
+    assert found(at, [None], [other]).parameters == dict.fromkeys(names, 1.5)
+    assert found(at, [None], [wall]).parameters == {OFFSET: 4.0, ANGLE: 1.5}

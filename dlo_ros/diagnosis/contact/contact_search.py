@@ -8,7 +8,7 @@ other numbers as they are.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
@@ -152,30 +152,38 @@ def contacts_beside_set_up(
 ) -> list[ContactBesideSetUp]:
     """Pegs and walls that the DLO may have hit, beside a set-up off within its tolerances.
 
-    A DLO that moves in space is seen from where a peg is a point and a wall is a line.
+    Beside a peg that is known only walls are looked for, and beside a wall only pegs. A DLO that
+    moves in space is seen from where a peg is a point and a wall is a line.
 
     Args:
         drafts: the recordings with a coarse simulation, to try contacts with.
         given: the parameter file.
         model: the joint model without them, from which a fit to undisturbed pictures begins.
     """
-    if EFFECTS & set(model.settings.effects):
-        return []
-    before = undisturbed(drafts, model)
+    kinds = EFFECTS - set(model.settings.effects)
+    before = undisturbed(drafts, model) if kinds else None
     if before is None:
         return []
-    return [ContactBesideSetUp(before.model, start) for start in _contacts(drafts, given, before)]
+    starts = _contacts(drafts, given, before, kinds)
+    return [ContactBesideSetUp(before.model, start) for start in starts]
 
 
-def _contacts(drafts: Sequence[Recording], given: Settings, before: Undisturbed) -> list[Start]:
-    """The pegs and walls with which a fit to undisturbed pictures comes nearest to the others."""
+def _contacts(
+    drafts: Sequence[Recording], given: Settings, before: Undisturbed, kinds: Collection[str]
+) -> list[Start]:
+    """The pegs and walls with which a fit to undisturbed pictures comes nearest to the others.
+
+    Args:
+        kinds: effects that are looked for.
+    """
     at, settings = before.at, before.model.settings
     wrong = outlier_frames(at, drafts, before.scale)
     disturbed = [k for k, w in enumerate(wrong) if w.any()]
     view = sight(settings, [d.observed for d in drafts], at.predicted, wrong)
     hit = _Disturbed(settings, tuple(drafts[k] for k in disturbed), before.scale, given, view)
     most = CLEARLY_LESS * robust_loss(at.of(disturbed), hit.recordings, before.scale)
-    pegs, walls_ = _best_pegs(hit), _best_walls(hit)
+    pegs = _best_pegs(hit) if Obstacle.name in kinds else []
+    walls_ = _best_walls(hit) if StraightWall.name in kinds else []
     best = min((loss for loss, _ in (*pegs, *walls_)), default=0.0)
     most = min(most, CERTAIN**2 * best)
     fits: list[tuple[float, Start]] = []

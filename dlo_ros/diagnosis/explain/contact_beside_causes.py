@@ -9,7 +9,7 @@ no picture has shown, or another cause, may take the place of a peg.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from dlo_ros.diagnosis.contact.contact_search import (
@@ -40,6 +40,8 @@ def with_contact(
 ) -> tuple[Search, Contact | None]:  # fmt: skip
     """A search that goes on with what the DLO may have hit beside its causes.
 
+    Where something is left beside a peg, a wall may have been hit, too, or a peg beside a wall.
+
     Args:
         found: the result of a search; with one cause that leaves nothing that matters, it stays.
         given: the parameter file.
@@ -49,9 +51,39 @@ def with_contact(
     Returns:
         The better result, and what was hit; None where nothing was, or it had been found.
     """
-    hit = next((c for c in found.causes if c.effect in EFFECTS), None)
-    if hit is not None and shown:
-        return found, None
+
+    def beside(others: tuple[Proposal, ...], contact: Contact) -> Search:
+        at, hit = contact.trial
+        return search(at, neutral, recordings, begun, enough, present=(*others, hit))
+
+    hit = _hit(found)
+    contact = None
+    if hit is None or not shown:
+        found, contact = _with_first(found, hit, given, recordings, enough, beside)
+    if _hit(found) is None or not leaves_something(found.at, recordings, enough):
+        return found, contact
+    second = _contact(found.at, None, found.causes, given, recordings)
+    if second is not None:
+        more = beside(found.causes, second)
+        found = _better(more, found, second.trial[1], recordings) or found
+    return found, contact
+
+
+def _hit(found: Search) -> Proposal | None:
+    """What was hit, of a search's causes; None: nothing."""
+    return next((c for c in found.causes if c.effect in EFFECTS), None)
+
+
+def _with_first(
+    found: Search, hit: Proposal | None, given: Settings, recordings: Sequence[Recording],
+    enough: float, beside: Callable[[tuple[Proposal, ...], Contact], Search],
+) -> tuple[Search, Contact | None]:  # fmt: skip
+    """A search with what the DLO has hit, or with something else in its place; see `with_contact`.
+
+    Args:
+        hit: what it has hit as it is known so far.
+        beside: function that goes on with causes and a contact.
+    """
     places = [hit] if hit is not None else _places(found, recordings, enough)
     for replaced in places:
         others = tuple(c for c in found.causes if c is not replaced)
@@ -60,16 +92,26 @@ def with_contact(
             break
     else:
         return found, None
-    at, peg = contact.trial
-    more = search(at, neutral, recordings, begun, enough, present=(*others, peg))
-    gain = log_bayes_factor(more.at, found.at)
-    LOG.info("%s beside the causes: %+.1f in evidence", peg.label, gain)
-    if gain >= WORTH and comes_nearer(more.at, found.at, recordings):
-        return replace(more, trace=(*found.trace, *more.trace)), contact
+    peg = contact.trial[1]
+    more = beside(others, contact)
+    better = _better(more, found, peg, recordings)
+    if better is not None:
+        return better, contact
     if hit is None or hit.effect == peg.effect:
         return found, None
     near = (1.0 - LOWERS) * nearest_err(more.at, recordings) <= nearest_err(found.at, recordings)
     return found, Contact.of((found.at, hit), (more.at, peg), as_near=near)
+
+
+def _better(
+    more: Search, found: Search, hit: Proposal, recordings: Sequence[Recording]
+) -> Search | None:
+    """A search with something that was hit, if it explains more than one without it."""
+    gain = log_bayes_factor(more.at, found.at)
+    LOG.info("%s beside the causes: %+.1f in evidence", hit.label, gain)
+    if gain < WORTH or not comes_nearer(more.at, found.at, recordings):
+        return None
+    return replace(more, trace=(*found.trace, *more.trace))
 
 
 def _places(

@@ -45,7 +45,8 @@ def with_peg_or_wall(
     """
     wall = found.cause_of(StraightWall.name)
     known = contact.rivals if contact is not None else {}
-    peg = peg_instead(found.at, wall, recordings) if wall and Obstacle.name not in known else None
+    has_peg = Obstacle.name in known or found.cause_of(Obstacle.name) is not None
+    peg = peg_instead(found.at, wall, recordings) if wall and not has_peg else None
     if wall is None or peg is None:
         return found, contact
     round_, flat = (nearest_err(e, recordings) for e in (peg[0], found.at))

@@ -75,11 +75,11 @@ def _largest(at: Evaluation, cause: Cause) -> float:
     """The factor with which a cause would be missed as little as it was; infinite where neutral is
     not where its parameters' priors lie.
     """
+    if cause.evidence <= 0.0:
+        return math.inf
     k = [at.model.index(n) for n in cause.names if n in at.model.names]
-    from_neutral = all(
-        at.model.parameters[j].tolerated or at.model.parameters[j].guessed for j in k
-    )
-    if not k or not from_neutral or cause.evidence <= 0.0:
+    known = [at.model.parameters[j] for j in k]
+    if not known or not all(p.tolerated or p.guessed for p in known):
         return math.inf
     off = at.model.offset()[k]
     expected = float(off @ np.linalg.solve(at.posterior.covariance[np.ix_(k, k)], off)) / 2.0
