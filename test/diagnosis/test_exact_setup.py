@@ -55,7 +55,7 @@ def test_measured_points_tell_of_a_camera_no_more_than_what_shifts_them_all(turn
     model, std = turned[0].setup.model, 1e-4
     points = SimpleNamespace(points=SimpleNamespace(std=np.full(50, std)))
     seen = SimpleNamespace(manipulation=SimpleNamespace(observations=[points]))
-    here, none = exact(model, [seen]), exact(model, [])
+    here, none = exact(model, [seen]), exact(model)
     length = model.settings.rod.length
     for effect, expected in (
         ("camera_shift.x", SHARED * std), ("camera_scale.ratio", SHARED * std / length)
@@ -65,6 +65,26 @@ def test_measured_points_tell_of_a_camera_no_more_than_what_shifts_them_all(turn
         assert none.parameters[none.index(name)].std < 0.1 * expected
     for name in ("effects.clamp_angle.start", "effects.command_delay.delay"):
         assert here.parameters[here.index(name)] == none.parameters[none.index(name)]
+
+
+@pytest.mark.parametrize(("stds", "held"), [(2.0, False), (4.0, True)])
+def test_a_camera_that_is_farther_off_is_held_so_that_it_may_be_a_cause(
+    turned, monkeypatch, stds, held
+):
+    model, recordings = turned[0].setup.model, turned[0].recordings
+    name = "effects.camera_shift.x"
+
+    def fitted(at, _):
+        k = at.model.index(name)
+        theta = at.model.theta()
+        theta[k] += stds * at.model.parameters[k].std
+        return SimpleNamespace(model=at.model.at(theta))
+
+    monkeypatch.setattr(exact_setup, "evaluate", lambda model, _: SimpleNamespace(model=model))
+    monkeypatch.setattr(exact_setup, "settled", fitted)
+    found = exact_setup._fitted(model, recordings).model
+    tight = exact(model) if held else exact(model, recordings)
+    assert found.parameters == tight.parameters
 
 
 def test_an_opened_set_up_has_its_tolerances_again(turned):

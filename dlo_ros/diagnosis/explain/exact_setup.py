@@ -26,7 +26,7 @@ from dlo_ros.inference.joint_fit import settled
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.model_comparison import log_bayes_factor
 from dlo_ros.inference.parameter import Parameter, ParametricModel
-from dlo_ros.inference.thresholds import FEWEST_FRAMES, MUCH_LARGER, WORTH
+from dlo_ros.inference.thresholds import CERTAIN, FEWEST_FRAMES, MUCH_LARGER, WORTH
 from dlo_ros.inference.variances import posterior
 
 LOG = logging.getLogger(__name__)
@@ -38,8 +38,12 @@ SHARED = 0.3
 DLO shifts them alike, in rendered pictures by a third of it and less."""
 
 
-def exact(model: ParametricModel, recordings: Sequence[Recording]) -> ParametricModel:
-    """The model with its set-up held at neutral, the camera as far as measured points tell."""
+def exact(model: ParametricModel, recordings: Sequence[Recording] = ()) -> ParametricModel:
+    """The model with its set-up held at neutral.
+
+    Args:
+        recordings: recordings whose points hold the camera no better than they tell.
+    """
     shared = SHARED * _points_std(recordings)
     tight = [
         p.tightened(max(TIGHT, _seen_as(p, shared, model.settings.rod.length)))
@@ -115,7 +119,14 @@ def beside_exact_set_up(
 
 
 def _fitted(model: ParametricModel, recordings: Sequence[Recording]) -> Evaluation:
-    return settled(evaluate(exact(model, recordings), recordings), recordings)
+    """The fit beside an exact set-up, with a camera that is off as far as points are in common;
+    with one that is held where that does not suffice.
+    """
+    at = settled(evaluate(exact(model, recordings), recordings), recordings)
+    off = zip(at.model.parameters, at.model.offset(), strict=True)
+    if all(abs(x) <= CERTAIN * p.std for p, x in off if p.tolerated and p.tightness > TIGHT):
+        return at
+    return settled(evaluate(exact(model), recordings), recordings)
 
 
 def _searched(
