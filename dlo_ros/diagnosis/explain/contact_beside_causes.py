@@ -70,7 +70,7 @@ def with_contact(
 
 
 def _hit(found: Search) -> Proposal | None:
-    """What was hit, of a search's causes; None: nothing."""
+    """The peg or the wall among a search's causes; None: none is."""
     return next((c for c in found.causes if c.effect in EFFECTS), None)
 
 
