@@ -66,6 +66,11 @@ def _points_std(recordings: Sequence[Recording]) -> float:
     return float(np.median(stds)) if stds else 0.0
 
 
+def _of_camera(p: Parameter) -> bool:
+    """Whether a part of the set-up changes how a DLO is seen, and not what it does."""
+    return MEASUREMENT in effects()[p.effect].acts_on
+
+
 def _seen_as(p: Parameter, error: float, length: float) -> float:
     """Tolerances of the camera by which all points seem to be shifted; 0 of all but the camera.
 
@@ -73,7 +78,7 @@ def _seen_as(p: Parameter, error: float, length: float) -> float:
         error: the shift [m].
         length: length of the DLO [m].
     """
-    if MEASUREMENT not in effects()[p.effect].acts_on:
+    if not _of_camera(p):
         return 0.0
     sizes = {"m": error, "rad": error / length, "": error / length}
     return sizes.get(p.unit, 0.0) * p.tightness / p.std
@@ -124,7 +129,8 @@ def _fitted(model: ParametricModel, recordings: Sequence[Recording]) -> Evaluati
     """
     at = settled(evaluate(exact(model, recordings), recordings), recordings)
     off = zip(at.model.parameters, at.model.offset(), strict=True)
-    if all(abs(x) <= CERTAIN * p.std for p, x in off if p.tolerated and p.tightness > TIGHT):
+    suffices = all(abs(x) <= CERTAIN * p.std for p, x in off if p.tolerated and _of_camera(p))
+    if suffices or not _points_std(recordings):
         return at
     return settled(evaluate(exact(model), recordings), recordings)
 
