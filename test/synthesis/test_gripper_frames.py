@@ -137,8 +137,11 @@ def test_both_cameras_and_the_grippers_are_played(made, tmp_path, monkeypatch):
 
 
 def played(bag, settings, std):
-    """What nodes would publish that see the DLO as a straight line, and know E/mu that well."""
-    heard = ReceivedData()
+    """What nodes would publish that see the DLO as a straight line, and know E/mu that well.
+
+    The simulator had that E/mu from the beginning: the recording is as short as what is judged.
+    """
+    heard = ReceivedData(simulated=[(0, 1e7 / 2000.0)])
     line = np.column_stack([np.linspace(0.0, 0.3, 10), *np.zeros((3, 10))])
     for k, images in enumerate(iterate_together(bag, list(settings.cameras))):
         stamp = images["left"].stamp
@@ -147,7 +150,6 @@ def played(bag, settings, std):
         heard.tick(stamp)
         heard.err.append((stamp, 0.001))
         heard.take_estimate(1e7 + 1e4 * k, 2000.0)
-        heard.simulated.append((stamp, heard.young_modulus / heard.density))
     heard.take_diagnostics({"specific_modulus std [m^2/s^2]": std})
     return heard
 
