@@ -165,7 +165,7 @@ def test_a_constant_of_another_module_is_part_of_the_machine_code(package):
     callee = "from dlo_ros.constants import MORE" + CALLEE.format(more="MORE")
     (package / "callee.py").write_text(callee)
     assert answer(package)[0] == 20
-    # Of another length: bytecode of the same second and size would be taken for its own.
+    # The file gets another length: bytecode of the same second and size would be taken for its own.
     (package / "constants.py").write_text("MORE = 1 + 2\n")
     assert answer(package)[:2] == (40, 0)
 

@@ -61,9 +61,7 @@ def _with_errors(at: Evaluation, recordings: Sequence[Recording]) -> tuple[Spect
     n = at.model.settings.rod.control_points
     functions = smooth_functions(n)[:, :MODES].T
     axes = (0, 2) if all(r.planar for r in recordings) else (0, 1, 2)
-    moved = np.zeros((len(axes) * len(functions), n, 3))
-    for k, axis in enumerate(axes):
-        moved[k * len(functions) : (k + 1) * len(functions), :, axis] = functions
+    moved = np.concatenate([np.multiply.outer(functions, np.eye(3)[axis]) for axis in axes])
     fields = []
     for (left, slopes), recording in zip(at.fields, recordings, strict=True):
         points = np.broadcast_to(moved, (len(left), *moved.shape))

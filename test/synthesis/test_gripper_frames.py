@@ -137,7 +137,7 @@ def test_both_cameras_and_the_grippers_are_played(made, tmp_path, monkeypatch):
 
 
 def played(bag, settings, std):
-    """What nodes would publish that see the DLO as a straight line, and know E/mu that well.
+    """The messages of nodes that see the DLO as a straight line, and know E/mu that well.
 
     The simulator had that E/mu from the beginning: the recording is as short as what is judged.
     """
