@@ -12,11 +12,13 @@ import logging
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from functools import cache
 from multiprocessing import get_context
+from threading import current_thread
 from typing import Any, TypeVar
 
 from dlo_ros.dependencies import extra
@@ -25,6 +27,7 @@ from dlo_ros.errors import InputError, SimulationError
 LOG = logging.getLogger(__name__)
 
 ATTEMPTS = 4  # of work whose worker died
+KEPT = "dlo_ros_simulations"  # name of the threads that are kept
 CONNECT = 10.0  # [s] until a scheduler must answer
 
 Item = TypeVar("Item")
@@ -68,6 +71,12 @@ def at_most(threads: int) -> Iterator[None]:
         _most.reset(before)
 
 
+@cache
+def _kept(threads: int) -> ThreadPoolExecutor:
+    """Threads that are kept with their memory: new ones cost a twentieth of a diagnosis."""
+    return ThreadPoolExecutor(threads, thread_name_prefix=KEPT)
+
+
 class Threads(Pool):
     """Threads of this process: compiled code runs side by side in them."""
 
@@ -75,12 +84,20 @@ class Threads(Pool):
         self, work: Callable[[Item], Result], items: Sequence[Item]
     ) -> Iterator[tuple[int, Result]]:
         """See `Pool`."""
-        threads = min(len(items), _most.get() or os.cpu_count() or 1)
-        if threads < 2:  # in the caller's thread, where `at_most` holds for what `work` starts
+        threads = _most.get() or os.cpu_count() or 1
+        if min(threads, len(items)) < 2:  # here, where `at_most` holds for what `work` starts
             yield from enumerate(map(work, items))
-            return
-        with ThreadPoolExecutor(threads) as pool:
-            yield from enumerate(pool.map(work, items))
+        elif current_thread().name.startswith(KEPT):  # the others may wait for this one
+            with ThreadPoolExecutor(threads) as pool:
+                yield from enumerate(pool.map(work, items))
+        else:
+            futures = [_kept(threads).submit(work, item) for item in items]
+            try:
+                yield from enumerate(future.result() for future in futures)
+            finally:
+                for future in futures:
+                    future.cancel()
+                wait(futures)
 
 
 class Processes(Pool):

@@ -20,7 +20,7 @@ not be fitted at all: 150 to 1, called very strong there."""
 INDISPENSABLE = 10.0 * WORTH
 """Loss of log evidence by the linearised posterior, from which no fit without a cause is tried, and
 gain from which a fit with it is: a linear prediction may be wrong by several times, hardly by
-ten."""
+ten. By fits, the loss from which an effect is there, whatever its size."""
 PROMISING = 0.3
 """Predicted gain over the largest one, from which a proposal is simulated: the prediction is
 linear, and no better than that."""

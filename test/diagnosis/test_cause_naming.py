@@ -69,8 +69,9 @@ def test_what_is_not_known_of_the_weight_makes_no_force_doubtful():
         (40.0, 2.0, 2.5e-3, False, True),  # without it shapes are far off
         (40.0, -1.0, 2.5e-3, False, False),
         (40.0, 40.0, 1.05e-3, False, False),  # immaterial
-        (40.0, 40.0, 1.3e-3, False, False),  # no more than another's law asks for
-        (40.0, 40.0, 1.3e-3, True, True),  # the set-up does its work beyond its tolerance
+        (40.0, 40.0, 1.12e-3, False, False),  # no more than another's law asks for
+        (40.0, 40.0, 1.12e-3, True, True),  # the set-up does its work beyond its tolerance
+        (40.0, 40.0, 1.2e-3, False, True),  # no more, but a fourth of all
         (40.0, 40.0, 1.05e-3, True, True),  # all of it
         (40.0, 40.0, 0.9e-3, True, True),  # as near as the cause
         (40.0, 40.0, 0.9e-3, False, False),
@@ -334,6 +335,27 @@ def test_a_cause_among_several_is_named_for_its_share_of_what_they_gain(
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
     causes, *_ = cause_naming.named(
         found, setup, {}, (), [start], [0.7e-3], 0.6e-3, complete=complete
+    )
+    assert bool(causes) is named
+
+
+@pytest.mark.parametrize(
+    ("loss", "complete", "named"), [(934.0, True, True), (20.0, True, False), (934.0, False, False)]
+)
+def test_what_is_indispensable_is_named_though_its_size_is_not_known(
+    monkeypatch, loss, complete, named
+):
+    """A segment that is eleven times as stiff, or twenty times: it hardly bends."""
+    start = Start("stiff_segment", {"ratio": 2.0}, ("ratio",), ("ratio",), neutral=False)
+    at, bare = evaluation(0.0, 0.42e-3), evaluation(-loss, 1.8e-3)
+    at.model = bare.model = model_of(PAPER)
+    only_err_decides(monkeypatch)
+    monkeypatch.setattr(cause_naming, "certain", lambda *_: False)
+    monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
+    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
+    causes, *_ = cause_naming.named(
+        found, bare, {}, (), [start], [0.72e-3], 0.48e-3, complete=complete
     )
     assert bool(causes) is named
 

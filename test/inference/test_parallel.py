@@ -56,6 +56,32 @@ def test_at_most_so_many_threads_work_at_the_same_time():
         assert 1 <= len(set(Threads().map(own, range(6)))) <= 2
 
 
+def test_threads_may_wait_for_threads():
+    """All of them at once, each for more of them."""
+    with at_most(2):
+        assert Threads().map(lambda k: sum(Threads().map(squared, range(k))), range(6)) == [
+            0, 0, 1, 5, 14, 30
+        ]  # fmt: skip
+
+
+def test_where_one_of_the_threads_fails_none_goes_on():
+    ended = []
+
+    def work(k):
+        if k == 0:
+            raise SimulationError("does not converge")
+        time.sleep(0.05)
+        ended.append(k)
+
+    with at_most(2):
+        with pytest.raises(SimulationError):
+            Threads().map(work, range(9))
+        before = list(ended)
+        time.sleep(0.1)
+        assert ended == before and len(before) < 8
+        assert Threads().map(squared, range(3)) == [0, 1, 4]
+
+
 @pytest.mark.slow
 def test_a_worker_that_dies_costs_no_result(tmp_path, caplog):
     pool = Processes(2)
