@@ -14,6 +14,7 @@ from statistics import median
 from challenge.draws import NAMED, SET_UP
 from challenge.generate import KINDS, Challenge, draw
 from dlo_ros.cli.main import main as dlo_ros
+from dlo_ros.errors import SimulationError
 
 OUTCOMES = ("named", "among rivals", "part", "unexplained", "adequate", "wrong", "failed")
 
@@ -178,8 +179,12 @@ def main() -> None:
                 print(f"{seed} {kind}: {err}", flush=True)
                 continue
             with tempfile.TemporaryDirectory() as folder:
-                cases.append(solve(challenge, Path(folder)))
-            c = cases[-1]
+                try:
+                    c = solve(challenge, Path(folder))
+                except SimulationError as err:
+                    print(f"{seed} {kind}: no such recording: {err}", flush=True)
+                    continue
+            cases.append(c)
             told = f"{c.hidden} -> {c.outcome} {c.named} {c.seconds:.0f} s"
             print(f"{seed} {kind}: {told}", flush=True)
     print("\n".join([*by_effect(cases, arguments.effect), *summary(cases)]))
