@@ -13,6 +13,7 @@ from dlo_ros.diagnosis.explain import certainty
 from dlo_ros.diagnosis.explain.candidate_trials import fitted as fitted_model
 from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.certainty import (
+    SCALES,
     beyond,
     certain,
     has_other_stiffness,
@@ -144,6 +145,13 @@ def test_a_set_up_is_no_cause_whose_reported_uncertainty_leaves_it_within_its_to
     k = turned.model.index("effects.clamp_angle.start")
     wide = spread * (0.35 * TOLERANCE) ** 2 / spread[k, k]
     assert still_certain(found, turned, wide).causes == ()
+    # No better is what is known for a given E alone.
+    e = turned.model.index("young_modulus")
+    doubt = np.zeros(len(spread))
+    doubt[[k, e]] = turned.model.offset()[k] / 2.0, 1.0
+    tied = spread + np.outer(doubt, doubt)
+    assert certain(turned, next(iter(beyond(turned))), SCALES, tied)
+    assert still_certain(found, turned, tied).causes == ()
 
 
 def beside_set_up(prepared, start):

@@ -102,4 +102,5 @@ def _still(
     tolerated = group.start is None and all(p.effect for p in group.parameters)
     if tolerated and group.label not in may_be:
         return False
-    return certain(final, group, SCALES, covariance)
+    # No number of the set-up is proportional to E or mu, as the size of an effect may be.
+    return certain(final, group, () if group.start is None else SCALES, covariance)
