@@ -49,13 +49,22 @@ def _is_clear(value: float, std: float, q: Quantity) -> bool:
     return abs(value - q.neutral) > CLEAR_STDS * std
 
 
+def _is_beside(value: float, std: float, q: Quantity) -> bool:
+    """Whether a number clearly is on its side of neutral, as a fit sees it: by its logarithm, a
+    ratio of 11 +- 10 is as far from 1 as one of 1 / 11 is, and not less.
+    """
+    if not (q.logarithmic and q.sides):
+        return _is_clear(value, std, q)
+    return abs(math.log(value / q.neutral)) > CLEAR_STDS * std / value
+
+
 def clear_side(effect: NamedEffect) -> str:
     """Word for the side of neutral on which an effect clearly is; empty: there is none."""
     for key, n in effect.parameters.items():
         q = _quantity(effect.name, key)
         if q is None or isinstance(n.value, tuple) or isinstance(n.std, tuple):
             continue
-        clear = n.std is None or _is_clear(n.value, n.std, q)
+        clear = n.std is None or _is_beside(n.value, n.std, q)
         if clear and (side := q.side(n.value)):
             return side
     return ""

@@ -279,6 +279,10 @@ def test_a_single_shape_is_shown_along_the_rope():
          "the camera shows everything too small (ratio 1.020 +- 0.002)"),
         ("stiff_segment", "ratio", 0.5, 0.1, "",
          "one part of the DLO is softer than the rest (ratio 0.50 +- 0.10)"),
+        ("stiff_segment", "ratio", 11.0, 9.0, "",  # by its logarithm it is far from 1
+         "one part of the DLO is stiffer than the rest (ratio 11 +- 9). That it acts is certain"),
+        ("stiff_segment", "ratio", 0.6, 0.25, "",
+         "one part of the DLO is stiffer or softer than the rest (ratio 0.6 +- 0.2)"),
         ("stiffness_gradient", "change", -0.3, 0.05, "",
          "the DLO is stiffer towards the start (by 30 +- 5 %)"),
         ("clamp_angle", "end", -0.1, 0.01, "rad",
