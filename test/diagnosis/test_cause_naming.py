@@ -360,6 +360,22 @@ def test_what_is_indispensable_is_named_though_its_size_is_not_known(
     assert bool(causes) is named
 
 
+@pytest.mark.parametrize("complete", [True, False])
+def test_what_mends_another_s_law_is_no_cause_where_something_is_left(monkeypatch, complete):
+    """A softer part beside a gradient of another course: 0.2 mm for 0.4 of 11 mm."""
+    start = Start("stiff_segment", {"ratio": 2.0}, ("ratio",), ("ratio",), neutral=False)
+    at, bare, setup = evaluation(9e3, 0.2e-3), evaluation(8.9e3, 0.4e-3), evaluation(0.0, 2e-3)
+    at.model = bare.model = setup.model = model_of(PAPER)
+    only_err_decides(monkeypatch)
+    monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
+    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
+    causes, *_ = cause_naming.named(
+        found, setup, {}, (), [start], [0.18e-3], 0.5e-3, complete=complete
+    )
+    assert bool(causes) is complete
+
+
 @pytest.mark.slow
 def test_a_set_up_is_strained_where_it_leaves_its_tolerance_without_a_cause():
     at, recordings = fitted_set_up()

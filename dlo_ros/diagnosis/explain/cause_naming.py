@@ -193,14 +193,14 @@ def named(
     """The causes without which the best model is clearly worse, numbers of the set-up among them.
 
     What lies within its tolerance, or is no part of every set-up, is none where all that it
-    explains is immaterial, or takes away less than `least` [m], and than a fourth, of ERR: beside a
-    cause whose true law is another than the model's, a further effect mends that law a little. That
-    of a model which leaves something counts where it bears a share of what all gain, too. Where the
-    set-up must leave its tolerance to do a cause's work, or E / mu would certainly be another one,
-    ERR does not tell how much that is. Correlated errors let fits drift from the shapes, by more
-    than a cause may take away: what counts is how near the model can come with it and without it.
-    What comes so near takes part of the measurement's own error away, too: that error is then no
-    more than what is left with the cause.
+    explains is immaterial, or takes away less than `least` [m] of ERR: beside a cause whose true
+    law is another than the model's, a further effect mends that law a little. It is one, though,
+    where it takes a fourth away and nothing is left, or bears a share of what all gain in a model
+    that leaves something. Where the set-up must leave its tolerance to do a cause's work, or E / mu
+    would certainly be another one, ERR does not tell how much that is. Correlated errors let fits
+    drift from the shapes, by more than a cause may take away: what counts is how near the model can
+    come with it and without it. What comes so near takes part of the measurement's own error away,
+    too: that error is then no more than what is left with the cause.
 
     Of effects that do each other's work, each may be left out, and yet one of them acts where the
     set-up alone explains less: the one without which most is lost is named, with the others as its
@@ -331,8 +331,8 @@ class _Judge:
         if self.exact or (group.start is None and is_beyond(self.at, group)):
             return True
         explained = without_it < OWN * min(own, here)
-        mends = without_it - here < self.least and without_it < OWN * here
-        little = explained or mends
+        needed = self.complete and without_it > OWN * here
+        little = explained or (without_it - here < self.least and not needed)
         return not little or self._bears_a_share(group, bare) or bool(strained(bare, self.at))
 
     def _bears_a_share(self, group: Proposal, bare: Evaluation) -> bool:
