@@ -53,9 +53,8 @@ def _is_beside(value: float, std: float, q: Quantity) -> bool:
     """Whether a number clearly is on its side of neutral, as a fit sees it: by its logarithm, a
     ratio of 11 +- 10 is as far from 1 as one of 1 / 11 is, and not less.
     """
-    if not (q.logarithmic and q.sides):
-        return _is_clear(value, std, q)
-    return abs(math.log(value / q.neutral)) > CLEAR_STDS * std / value
+    seen = std / value if q.logarithmic else std
+    return abs(q.transformed(value) - q.transformed(q.neutral)) > CLEAR_STDS * seen
 
 
 def clear_side(effect: NamedEffect) -> str:
@@ -64,8 +63,8 @@ def clear_side(effect: NamedEffect) -> str:
         q = _quantity(effect.name, key)
         if q is None or isinstance(n.value, tuple) or isinstance(n.std, tuple):
             continue
-        clear = n.std is None or _is_beside(n.value, n.std, q)
-        if clear and (side := q.side(n.value)):
+        side = q.side(n.value)
+        if side and (n.std is None or _is_beside(n.value, n.std, q)):
             return side
     return ""
 

@@ -40,6 +40,17 @@ def only_err_decides(monkeypatch):
     monkeypatch.setattr(cause_naming, "has_certainly_other_stiffness", lambda *_: False)
 
 
+def is_named(monkeypatch, start, at, bare, owns, least, *, setup=None, complete=True):
+    """Whether the one cause of a model is named, of fits that cannot come nearer to the shapes."""
+    monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
+    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
+    causes, *_ = cause_naming.named(
+        found, setup or bare, {}, (), [start], owns, least, complete=complete
+    )
+    return bool(causes)
+
+
 def test_what_is_not_known_of_the_weight_makes_no_force_doubtful():
     """A force that is known to a hundredth of the weight, on a DLO that was not weighed."""
     names = ["young_modulus", "density", "effects.constant_force.x"]
@@ -254,11 +265,7 @@ def test_what_comes_nearer_than_the_measurement_errs_is_judged_by_what_is_left(
     only_err_decides(monkeypatch)
     monkeypatch.setattr(cause_naming, "has_certainly_other_stiffness", lambda *_: stiffer)
     monkeypatch.setattr(cause_naming, "taken_for_plain", lambda model, _: model)
-    monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
-    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
-    causes, *_ = cause_naming.named(found, bare, {}, (), [start], [own], least)
-    assert bool(causes) is named
+    assert is_named(monkeypatch, start, at, bare, [own], least) is named
 
 
 @pytest.mark.parametrize("passed", [False, True])
@@ -308,11 +315,7 @@ def test_what_acts_in_one_recording_is_named_though_others_lie_farther_off(
     at.model = bare.model = model_of(PAPER)
     monkeypatch.setattr(StraightWall, "smooth", smooth)
     only_err_decides(monkeypatch)
-    monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
-    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
-    causes, *_ = cause_naming.named(found, bare, {}, (), [start], [2.1e-3] * 3, 0.25e-3)
-    assert bool(causes) is named
+    assert is_named(monkeypatch, start, at, bare, [2.1e-3] * 3, 0.25e-3) is named
 
 
 @pytest.mark.parametrize(
@@ -330,13 +333,8 @@ def test_a_cause_among_several_is_named_for_its_share_of_what_they_gain(
     setup = evaluation(0.0, 7e-3)
     at.model = bare.model = setup.model = model_of(PAPER)
     only_err_decides(monkeypatch)
-    monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
-    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
-    causes, *_ = cause_naming.named(
-        found, setup, {}, (), [start], [0.7e-3], 0.6e-3, complete=complete
-    )
-    assert bool(causes) is named
+    words = {"setup": setup, "complete": complete}
+    assert is_named(monkeypatch, start, at, bare, [0.7e-3], 0.6e-3, **words) is named
 
 
 @pytest.mark.parametrize(
@@ -351,13 +349,8 @@ def test_what_is_indispensable_is_named_though_its_size_is_not_known(
     at.model = bare.model = model_of(PAPER)
     only_err_decides(monkeypatch)
     monkeypatch.setattr(cause_naming, "certain", lambda *_: False)
-    monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
-    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
-    causes, *_ = cause_naming.named(
-        found, bare, {}, (), [start], [0.72e-3], 0.48e-3, complete=complete
-    )
-    assert bool(causes) is named
+    told = is_named(monkeypatch, start, at, bare, [0.72e-3], 0.48e-3, complete=complete)
+    assert told is named
 
 
 @pytest.mark.parametrize("complete", [True, False])
@@ -367,13 +360,8 @@ def test_what_mends_another_s_law_is_no_cause_where_something_is_left(monkeypatc
     at, bare, setup = evaluation(9e3, 0.2e-3), evaluation(8.9e3, 0.4e-3), evaluation(0.0, 2e-3)
     at.model = bare.model = setup.model = model_of(PAPER)
     only_err_decides(monkeypatch)
-    monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
-    monkeypatch.setattr(cause_naming, "approached", lambda at, *_: at)
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=SERVING, passed=())
-    causes, *_ = cause_naming.named(
-        found, setup, {}, (), [start], [0.18e-3], 0.5e-3, complete=complete
-    )
-    assert bool(causes) is complete
+    words = {"setup": setup, "complete": complete}
+    assert is_named(monkeypatch, start, at, bare, [0.18e-3], 0.5e-3, **words) is complete
 
 
 @pytest.mark.slow

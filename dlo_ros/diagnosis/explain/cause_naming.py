@@ -109,7 +109,9 @@ def without_dampings(causes: tuple[Cause, ...], at: Evaluation) -> tuple[Cause, 
     return tuple(c for c in causes if material.isdisjoint(c.names))
 
 
-def _needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[Start]) -> bool:
+def _needed(
+    at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[Start], *, sized: bool = True
+) -> bool:
     """Whether the best model without a cause is clearly worse, see `NAMED` and `FAR`.
 
     Of a cause that is no part of every set-up, but one of K effects that were tried, ln K more of
@@ -117,9 +119,13 @@ def _needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[S
 
     Args:
         bare: the fit without it.
+        sized: whether its size is certain. Where it is not, it must be indispensable: a segment
+            that hardly bends may be stiffer still, and yet is there.
     """
     tried = len({s.effect for s in begun}) if group.start is not None else 1
     loss = log_bayes_factor(at, bare)
+    if not sized:
+        return loss > INDISPENSABLE
     far = at.mean_err < FAR * bare.mean_err
     return loss >= certain_gain(tried) or (far and loss > 0.0)
 
@@ -236,9 +242,7 @@ def named(
         if group.start is not None:
             bare = best_known(at, group, bare, found.passed if exact else (setup, *found.passed))
             shifts[group.effect] = _changes(at, bare, group)
-        # A segment that hardly bends may be stiffer still, and yet is there.
-        indispensable = log_bayes_factor(at, bare) > INDISPENSABLE
-        if not (_needed(at, bare, group, begun) and (sized or indispensable)):
+        if not _needed(at, bare, group, begun, sized=sized):
             continue
         if judge.matters(group, bare):
             offer = offered(at, recordings, begun, offer)
