@@ -251,6 +251,8 @@ class Effect(Equivalence):
             (`dlo_ros.rod.batch.parameter_sets`), with the same values in all. Never where it
             changes the measurement, which such a run knows nothing of.
         in_setup: whether every real set-up has a little of it, within its tolerances.
+        idealised: whether real DLOs follow its law in the rough only, which is so for all that acts
+            on the rod but for plain errors of a set-up.
         of_commanded_frames: whether `impose` needs the clamps' rotations as they were commanded,
             before any other effect turns them.
     """
@@ -263,6 +265,7 @@ class Effect(Equivalence):
     differentiable: ClassVar[bool] = True
     batched: ClassVar[bool] = True
     in_setup: ClassVar[bool] = False
+    idealised: ClassVar[bool] = False
     of_commanded_frames: ClassVar[bool] = False
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -273,6 +276,7 @@ class Effect(Equivalence):
         )  # fmt: skip
         cls.batched = cls.batched and MEASUREMENT not in cls.acts_on
         cls.smooth = cls.smooth and cls.differentiable
+        cls.idealised = cls.idealised or (ROD in cls.acts_on and not cls.in_setup)
 
     @classmethod
     def called(cls) -> str:

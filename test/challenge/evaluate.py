@@ -31,6 +31,7 @@ class Case:
         gain: err on held-out data over the noise floor, where something was named.
         missed: effect parameters that are neither within 10 % nor within 2 std of the truth.
         parameters: effect parameters that could be compared.
+        beyond: how many of them are more than 2 std off.
     """
 
     kind: str
@@ -41,6 +42,7 @@ class Case:
     gain: float | None
     missed: int
     parameters: int
+    beyond: int
 
 
 def judge(hidden: set[str], report: dict) -> str:
@@ -71,9 +73,9 @@ def good(case: Case) -> bool:
     }.get(case.kind, found)
 
 
-def compare(hidden: dict[str, dict], report: dict) -> tuple[int, int]:
-    """Effect parameters that were missed, and how many could be compared."""
-    missed = count = 0
+def compare(hidden: dict[str, dict], report: dict) -> tuple[int, int, int]:
+    """Effect parameters that were missed, that could be compared, and that are beyond 2 std."""
+    missed = count = beyond = 0
     for e in report["effects"]:
         for key, true in hidden.get(e["name"], {}).items():
             found = e["parameters"].get(key)
@@ -81,8 +83,10 @@ def compare(hidden: dict[str, dict], report: dict) -> tuple[int, int]:
                 continue
             count += 1
             off = abs(found["value"] - true)
-            missed += off > max(0.1 * abs(true), 2.0 * (found["std"] or 0.0))
-    return missed, count
+            stated = 2.0 * (found["std"] or 0.0)
+            missed += off > max(0.1 * abs(true), stated)
+            beyond += off > stated
+    return missed, count, beyond
 
 
 def solve(challenge: Challenge, folder: Path) -> Case:
@@ -96,7 +100,7 @@ def solve(challenge: Challenge, folder: Path) -> Case:
     status = dlo_ros([str(w) for w in words])
     seconds = time.monotonic() - began
     if status:
-        return Case(kind, tuple(hidden), "failed", (), seconds, None, 0, 0)
+        return Case(kind, tuple(hidden), "failed", (), seconds, None, 0, 0, 0)
     return case_of(challenge, json.loads((output / "report.json").read_text()), seconds)
 
 
@@ -152,7 +156,11 @@ def summary(cases: list[Case]) -> list[str]:
         lines.append(f"ERR within 1.3 times the noise floor: {near} of {len(gains)}")
     missed, count = sum(c.missed for c in cases), sum(c.parameters for c in cases)
     if count:
-        lines.append(f"parameters within 10 % or 2 std: {count - missed} of {count}")
+        beyond = sum(c.beyond for c in cases)
+        lines.append(
+            f"parameters within 10 % or 2 std: {count - missed} of {count}; within 2 std: "
+            f"{count - beyond}"
+        )
     lines.append(f"longest: {max(c.seconds for c in cases):.0f} s")
     return lines
 

@@ -40,7 +40,7 @@ def test_effects_can_be_asked_for_by_name(monkeypatch, capsys):
     def solved_at_once(case, folder):
         kind, names = case
         outcome = "named" if names == ("wall",) else "wrong"
-        return evaluate.Case(kind, names, outcome, names, 2.0, None, 1, 2)
+        return evaluate.Case(kind, names, outcome, names, 2.0, None, 1, 2, 1)
 
     monkeypatch.setattr(evaluate, "draw", lambda seed, kind, names: (kind, names))
     monkeypatch.setattr(evaluate, "solve", solved_at_once)

@@ -256,7 +256,7 @@ def test_effects_can_be_asked_for_by_name(monkeypatch, capsys):
         seed, name = case
         outcome = "named" if name == "wall" else "missed"
         found = Result(
-            seed, (name,), "explained", (name,), outcome, False, (), None, 1, 3, 0.0, None, 9.0
+            seed, (name,), "explained", (name,), outcome, False, (), None, 1, 3, 2, 0.0, None, 9.0
         )
         return replace(found, tolerated=True, main="told") if (seed, name) == (6, "wall") else found
 
@@ -278,6 +278,7 @@ def test_effects_can_be_asked_for_by_name(monkeypatch, capsys):
     beyond = "main causes beyond what every set-up may have, 4 cases: named 1, rival 0, told 0, "
     assert beyond + "missed 3" in lines
     assert "main causes within it, 1 cases: named 0, rival 0, told 1, missed 0" in lines
+    assert "numbers of causes within 10 % or 2 std: 10 of 15; within 2 std: 5" in lines
     assert any(
         s.startswith("connector, 3 cases: named 0, rival 0, told 0, missed 3;") for s in lines
     )

@@ -19,6 +19,7 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
     reported_covariance,
     set_up_numbers,
 )
+from dlo_ros.diagnosis.findings.law_error import LAW_ERROR
 from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of, with_proposals
 from dlo_ros.effects import starts
 from dlo_ros.identification.offline.initial_fit import begin
@@ -145,6 +146,21 @@ def test_an_effect_that_is_no_certain_cause_is_told_too(draughty):
     told = set_up_numbers(fitted(model, prepared.recordings), (), given)
     added = told["quadratic_drag.coefficient"]
     assert added.tolerance is None and added.std > 0.0
+
+
+def test_a_number_of_a_law_is_known_no_better_than_laws_are(draughty):
+    prepared, given, _ = draughty
+    start = next(s for s in starts(prepared.scene) if s.effect == "quadratic_drag")
+    proposal = proposal_of(prepared.setup.model.settings, start)
+    model, (name,) = with_proposals(weighed(prepared.setup, 0.01).model, [proposal])
+    at = fitted(model, prepared.recordings)
+    told = effect_numbers("quadratic_drag", at, given)["coefficient"]
+    by_shapes = outer_stds(at)[at.model.index(name)]
+    assert told.std == pytest.approx(np.hypot(by_shapes, LAW_ERROR * told.value))
+    table = set_up_numbers(at, (), given)
+    assert table["quadratic_drag.coefficient"].std >= LAW_ERROR * abs(told.value)
+    tilt, known = "gravity_tilt.angle", np.sqrt(np.diag(reported_covariance(at)))
+    assert table[tilt].std == pytest.approx(known[at.model.index(f"effects.{tilt}")])
 
 
 def test_a_scale_of_all_forces_that_nothing_tells_is_that_of_the_guesses(draughty):

@@ -50,8 +50,8 @@ class Result:
         tolerated: whether the main cause lies within what every set-up may have.
         wrong: names that stand for nothing that was hidden.
         share: fraction of the explainable ERR that is explained on held-out data.
-        missed, parameters: how many numbers of the causes are beyond 10 % and 2 std, and how many
-            there are.
+        missed, parameters, beyond: how many numbers of the causes are beyond 10 % and 2 std, how
+            many there are, and how many are beyond 2 std.
         modulus: ln(E / mu) off, over its stated standard deviation; None where none is stated.
         off: ln(E / mu) off.
     """
@@ -66,6 +66,7 @@ class Result:
     share: float | None
     missed: int
     parameters: int
+    beyond: int
     off: float
     modulus: float | None
     seconds: float
@@ -269,7 +270,11 @@ def summary(results: list[Result]) -> list[str]:
     if shares:
         lines.append(f"explained of what could be, median: {np.median(shares):.2f}")
     missed, total = sum(r.missed for r in results), sum(r.parameters for r in results)
-    lines.append(f"numbers of causes within 10 % or 2 std: {total - missed} of {total}")
+    beyond = sum(r.beyond for r in results)
+    lines.append(
+        f"numbers of causes within 10 % or 2 std: {total - missed} of {total}; within 2 std: "
+        f"{total - beyond}"
+    )
     stated = [abs(r.modulus) for r in results if r.modulus is not None]
     lines.append(
         f"E/mu within 2 std: {sum(m < 2.0 for m in stated)} of {len(stated)}; off by "

@@ -267,7 +267,7 @@ def line(r: Result) -> str:
     outcome, wrong = judge(r.case, r.report)
     (cause,) = r.case.causes
     named = " + ".join(" or ".join([e["name"], *e["rivals"]]) for e in r.report["effects"])
-    missed, count = compare(r.case.causes, r.report)
+    missed, count, _ = compare(r.case.causes, r.report)
     found = share(r.report, r.report["noise_floor"])
     return (
         f"{cause} -> {r.report['verdict']}, {named or 'nothing'} ({outcome}; wrong: "

@@ -17,6 +17,7 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     Number,
     SetupNumber,
 )
+from dlo_ros.diagnosis.findings.law_error import law_error
 from dlo_ros.effects import added_to_damping, damping_effect, effects, quantities
 from dlo_ros.identification.force_scale import POWERS, with_scale
 from dlo_ros.identification.information import model_shift
@@ -69,8 +70,22 @@ def effect_numbers(
             differ = float(np.std(list(own.values())))
             std = math.hypot(differ, *(float(spread[n]) / len(own) for n in own))
         by_recording = {n.partition(OWN)[2]: x for n, x in own.items()}
+        std = _with_law_error(std, effect, key, value, given.rod.length)
         result[key] = Number(value, std, quantities(effect)[key].unit, by_recording)
     return result
+
+
+def _with_law_error(
+    std: float | tuple[float, ...] | None, effect: str, key: str,
+    value: float | tuple[float, ...], length: float,
+) -> float | tuple[float, ...] | None:  # fmt: skip
+    """Standard deviations of an effect's key with what its law leaves open, see `law_error`."""
+    if isinstance(std, tuple) and isinstance(value, tuple):
+        pairs = zip(std, value, strict=True)
+        return tuple(math.hypot(s, law_error(effect, key, v, length)) for s, v in pairs)
+    if isinstance(std, float) and isinstance(value, float):
+        return math.hypot(std, law_error(effect, key, value, length))
+    return std
 
 
 def damping_as_effects(settings: Settings, given: Settings, names: Iterable[str]) -> Settings:
@@ -286,15 +301,20 @@ def set_up_numbers(
     for p, x, s, h in zip(at.model.parameters, at.model.theta(), spread, held, strict=True):
         if p.name in named or p.name in ("young_modulus", "density"):
             continue
-        name, value = f"{p.effect}.{p.key}", p.outer(x)
-        if not p.effect:
+        name, value, effect = f"{p.effect}.{p.key}", p.outer(x), p.effect
+        if effect:
+            key = split_name(p.name)[1]
+        else:
             effect = damping_effect(p.name)
-            name = f"{effect}.{added_to_damping()[effect][1]}"
+            key = added_to_damping()[effect][1]
+            name = f"{effect}.{key}"
             if effect in at.model.settings.effects:
                 continue  # what is added stands there
             value -= getattr(given.damping, p.name)
+        law = law_error(effect, key, value, given.rod.length)
         std, held_std = (
-            None if p.logarithmic and v >= UNBOUNDED else p.outer_std(x, float(v)) for v in (s, h)
+            None if p.logarithmic and v >= UNBOUNDED else math.hypot(p.outer_std(x, float(v)), law)
+            for v in (s, h)
         )
         result[name] = SetupNumber(
             value, std, _tolerance(p, given), p.unit, held_std if std is None else None

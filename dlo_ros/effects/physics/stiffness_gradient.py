@@ -21,6 +21,7 @@ class StiffnessGradient(Effect):
     title: ClassVar[str] = "stiffness gradient"
     phrase: ClassVar[str] = "the DLO is stiffer towards the end or stiffer towards the start"
     in_setup: ClassVar[bool] = True
+    idealised: ClassVar[bool] = True
 
     change: float = quantity(
         0.0, "", -1.9, 1.9, "relative change from start to end", tolerance=0.3,
