@@ -22,6 +22,7 @@ from dlo_ros.cli.error_places import places, spread
 from dlo_ros.cli.set_up_table import is_far_off, labels_of, set_up_is_off, setup_lines
 from dlo_ros.diagnosis import Diagnosis, NamedEffect
 from dlo_ros.identification.identifiability import enumerated
+from dlo_ros.inference.parameter import split_name
 from dlo_ros.report.diagnosis_content import Question, SetupRow
 from dlo_ros.report.elements import measured, number
 
@@ -186,7 +187,7 @@ def _slight(found: Diagnosis) -> str:
     """How far off the set-up of an adequate model is."""
     far, places = _far_off(found), sum(row.notable for row in setup_lines(found))
     if far:
-        return f"The set-up is off, {far} by more than twice the tolerance: see the table."
+        return f"The set-up is off by more than twice the tolerance in {far}: see the table."
     if not places:
         return (
             "No number of the set-up is off for certain; together, each within twice its "
@@ -203,9 +204,20 @@ def _within(found: Diagnosis) -> str:
 
 
 def _far_off(found: Diagnosis) -> str:
-    """The numbers of the set-up that are far beyond their tolerance, by their labels."""
-    labels = labels_of(found)
-    return enumerated([labels[name] for name, n in found.setup.items() if is_far_off(name, n)])
+    """What of the set-up is far beyond its tolerance: which number, or how many, of each effect."""
+    labels, far = labels_of(found), dict[str, list[str]]()
+    for name, n in found.setup.items():
+        if is_far_off(name, n):
+            effect = split_name(name)[0]
+            which = labels[name].removeprefix(title(effect)).removeprefix(", ")
+            far.setdefault(title(effect), []).append(which)
+    return enumerated([_placed(what, which) for what, which in far.items()])
+
+
+def _placed(what: str, which: Sequence[str]) -> str:
+    """The title of an effect with which of its numbers are meant, or how many."""
+    text = f"{len(which)} numbers" if len(which) > 1 else which[0]
+    return f"{what} ({text})" if text else what
 
 
 def _nothing_left(found: Diagnosis) -> bool:

@@ -103,8 +103,11 @@ def test_what_nothing_explains_is_told_as_that():
     assert "The set-up within its tolerances leaves an error that matters; with" in told
     assert told.endswith("(extended.yaml holds them) 0.15 mm are left, which do not matter.")
     far = case("unexplained", causes=(), setup=SETUP | BENT)
-    beyond = "off by more than twice the tolerance in direction of a clamp, at the start,"
-    assert f"No cause is certain; the set-up, {beyond} explains a part." in answers(far)[1]
+    beyond = "off by more than twice the tolerance in direction of a clamp (at the start)"
+    assert f"No cause is certain; the set-up, {beyond}, explains a part." in answers(far)[1]
+    twice = BENT | {"clamp_angle.end": BENT["clamp_angle.start"]}
+    many = case("unexplained", causes=(), setup=SETUP | twice)
+    assert "the tolerance in direction of a clamp (2 numbers), explains" in answers(many)[1]
 
 
 def test_what_may_act_is_told_with_all_that_may_act_in_its_place():
@@ -145,7 +148,8 @@ def test_adequate_says_whether_it_is_as_good_as_matters():
     far = case("adequate", (), 4e-3, setup=SETUP | BENT)
     assert headline(far).endswith("for a set-up that is off beyond its tolerances.")
     told = answers(far)[1]
-    assert "direction of a clamp, at the start by more than twice the tolerance: see" in told
+    beyond = "off by more than twice the tolerance in direction of a clamp (at the start): see the"
+    assert beyond in told
 
 
 def test_words_are_joined_as_people_do():
