@@ -21,8 +21,10 @@ from dlo_ros.cli.diagnosis_words import (
 from dlo_ros.cli.error_places import places, spread
 from dlo_ros.cli.set_up_table import is_far_off, labels_of, set_up_is_off, setup_lines
 from dlo_ros.diagnosis import Diagnosis, NamedEffect
+from dlo_ros.identification.force_scale import POWERS
 from dlo_ros.identification.identifiability import enumerated
 from dlo_ros.inference.parameter import split_name
+from dlo_ros.inference.thresholds import IDENTIFIED
 from dlo_ros.report.diagnosis_content import Question, SetupRow
 from dlo_ros.report.elements import measured, number
 
@@ -39,6 +41,13 @@ OVERLAP = (
 UNSIZED = (
     "That it acts is certain; how strongly, these data do not determine: the numbers are those of "
     "the best fit."
+)
+UNSIZED_TOGETHER = (
+    "Certain is that they act, but not how strongly (the numbers are those of the best fit): {}."
+)
+WEIGHT = (
+    "Shapes tell masses, forces and moments only in proportion to the weight of the DLO, which the "
+    "parameter file guesses: weigh it, and state rod.density with density_std."
 )
 LOAD = "Load {} in place of your parameter file (--params of the tools, --params-file of the nodes)"
 
@@ -155,6 +164,10 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
     length = found.extended.settings.rod.length
     order = by_share(found.effects)
     sentences = [_cause(e, length) for e in order]
+    unsized = [k for k, e in enumerate(order) if not is_sized(e, length)]
+    if len(unsized) == 1:
+        sentences[unsized[0]] += f" {UNSIZED}"
+    sentences += _unsized([order[k] for k in unsized], found.extended.scale_std)
     if sum(e.share is not None for e in order) > 1:
         sentences.append(OVERLAP)
     if found.verdict == "adequate" and order and _immaterial(found):
@@ -249,11 +262,24 @@ def _cause(effect: NamedEffect, length: float) -> str:
             "but the data do not determine which: "
         )
     text += f"{_with_rivals(effect, length)}."
-    if not is_sized(effect, length):
-        text += f" {UNSIZED}"
     if effect.share == 0.0:
         text += " The simulation comes as near without it."
     return text
+
+
+def _unsized(causes: Sequence[NamedEffect], scale_std: float) -> list[str]:
+    """Sentences on all causes of which the data do not determine how strongly they act.
+
+    Args:
+        scale_std: see `Fitted`.
+    """
+    units = {n.unit for e in causes for n in e.parameters.values()}
+    sentences = []
+    if len(causes) > 1:
+        sentences.append(UNSIZED_TOGETHER.format(enumerated([title(e.name) for e in causes])))
+    if scale_std > IDENTIFIED and not units.isdisjoint(POWERS):
+        sentences.append(WEIGHT)
+    return sentences
 
 
 def _uncertain(found: Diagnosis, length: float) -> list[str]:

@@ -341,8 +341,16 @@ def test_a_cause_may_be_certain_and_its_strength_unknown():
     numbers = {"mass": Number(0.03, 0.04, "kg"), "extent": Number(0.07, 0.0004, "m")}
     plug = NamedEffect("connector", numbers, (), 0.5)
     assert not is_sized(plug, LENGTH) and is_sized(MASS, LENGTH)
-    assert answers(case(causes=[plug]))[1].endswith("the numbers are those of the best fit.")
+    told = answers(case(causes=[plug]))[1]
+    assert told.endswith("the numbers are those of the best fit.")
     assert "how strongly" not in answers(case())[1]
+    both = case(causes=[plug, replace(plug, name="quadratic_drag", parameters={
+        "coefficient": Number(0.1, 0.2, "N s^2/m^3")})])  # fmt: skip
+    two = answers(both)[1]
+    assert "): plug at the free end and drag that grows with the square of speed." in two
+    assert two.count("how strongly") == 1 and "weigh it" not in two
+    guessed = replace(both, extended=replace(both.extended, scale_std=0.7))
+    assert "only in proportion to the weight of the DLO" in answers(guessed)[1]
     # A scale that is known tells nothing of it.
     rubs = {"moment": Number(0.08, 0.09, "N m"), "curvature": Number(0.25, 0.1, "1/m")}
     assert not is_sized(NamedEffect("hysteresis", rubs, ()), LENGTH)
