@@ -19,7 +19,7 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
     reported_covariance,
     set_up_numbers,
 )
-from dlo_ros.diagnosis.findings.law_error import LAW_ERROR
+from dlo_ros.diagnosis.findings.least_std import least_std
 from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of, with_proposals
 from dlo_ros.effects import starts
 from dlo_ros.identification.offline.initial_fit import begin
@@ -155,10 +155,11 @@ def test_a_number_of_a_law_is_known_no_better_than_laws_are(draughty):
     model, (name,) = with_proposals(weighed(prepared.setup, 0.01).model, [proposal])
     at = fitted(model, prepared.recordings)
     told = effect_numbers("quadratic_drag", at, given)["coefficient"]
+    least = least_std("quadratic_drag", "coefficient", told.value, given.rod)
     by_shapes = outer_stds(at)[at.model.index(name)]
-    assert told.std == pytest.approx(np.hypot(by_shapes, LAW_ERROR * told.value))
+    assert told.std == pytest.approx(np.hypot(by_shapes, least))
     table = set_up_numbers(at, (), given)
-    assert table["quadratic_drag.coefficient"].std >= LAW_ERROR * abs(told.value)
+    assert table["quadratic_drag.coefficient"].std >= least
     tilt, known = "gravity_tilt.angle", np.sqrt(np.diag(reported_covariance(at)))
     assert table[tilt].std == pytest.approx(known[at.model.index(f"effects.{tilt}")])
 

@@ -17,7 +17,7 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     Number,
     SetupNumber,
 )
-from dlo_ros.diagnosis.findings.law_error import law_error
+from dlo_ros.diagnosis.findings.least_std import least_std
 from dlo_ros.effects import added_to_damping, damping_effect, effects, quantities
 from dlo_ros.identification.force_scale import POWERS, with_scale
 from dlo_ros.identification.information import model_shift
@@ -34,6 +34,7 @@ from dlo_ros.inference.thresholds import UNBOUNDED
 from dlo_ros.inference.widened_covariance import widened_covariance
 from dlo_ros.parameters import Settings, tolerance
 from dlo_ros.rod.sensitivity_parameters import effect_names
+from dlo_ros.rod_settings import RodParameters
 from dlo_ros.spline import FloatArray
 
 Doubts = Sequence[Mapping[str, float]]
@@ -70,21 +71,21 @@ def effect_numbers(
             differ = float(np.std(list(own.values())))
             std = math.hypot(differ, *(float(spread[n]) / len(own) for n in own))
         by_recording = {n.partition(OWN)[2]: x for n, x in own.items()}
-        std = _with_law_error(std, effect, key, value, given.rod.length)
+        std = _no_less(std, effect, key, value, given.rod)
         result[key] = Number(value, std, quantities(effect)[key].unit, by_recording)
     return result
 
 
-def _with_law_error(
+def _no_less(
     std: float | tuple[float, ...] | None, effect: str, key: str,
-    value: float | tuple[float, ...], length: float,
+    value: float | tuple[float, ...], rod: RodParameters,
 ) -> float | tuple[float, ...] | None:  # fmt: skip
-    """Standard deviations of an effect's key with what its law leaves open, see `law_error`."""
+    """Standard deviations of an effect's key with what no shape tells, see `least_std`."""
     if isinstance(std, tuple) and isinstance(value, tuple):
         pairs = zip(std, value, strict=True)
-        return tuple(math.hypot(s, law_error(effect, key, v, length)) for s, v in pairs)
+        return tuple(math.hypot(s, least_std(effect, key, v, rod)) for s, v in pairs)
     if isinstance(std, float) and isinstance(value, float):
-        return math.hypot(std, law_error(effect, key, value, length))
+        return math.hypot(std, least_std(effect, key, value, rod))
     return std
 
 
@@ -311,11 +312,12 @@ def set_up_numbers(
             if effect in at.model.settings.effects:
                 continue  # what is added stands there
             value -= getattr(given.damping, p.name)
-        law = law_error(effect, key, value, given.rod.length)
+        least = least_std(effect, key, value, given.rod)
         std, held_std = (
-            None if p.logarithmic and v >= UNBOUNDED else math.hypot(p.outer_std(x, float(v)), law)
+            None if p.logarithmic and v >= UNBOUNDED
+            else math.hypot(p.outer_std(x, float(v)), least)
             for v in (s, h)
-        )
+        )  # fmt: skip
         result[name] = SetupNumber(
             value, std, _tolerance(p, given), p.unit, held_std if std is None else None
         )

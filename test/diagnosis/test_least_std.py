@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from dlo_ros.diagnosis.findings.law_error import LAW_ERROR, PLACE_ERROR, law_error
+from dlo_ros.diagnosis.findings.least_std import LAW_ERROR, PLACE_ERROR, law_error, least_std
+from dlo_ros.rod_settings import RodParameters
 
 LENGTH = 0.5
 
@@ -31,3 +34,15 @@ LENGTH = 0.5
 )
 def test_a_law_tells_its_sizes_and_places_to_what_real_dlos_follow_it(effect, key, value, error):
     assert law_error(effect, key, value, LENGTH) == pytest.approx(error, abs=1e-12)
+
+
+def test_masses_and_forces_are_known_no_better_than_the_weight_of_the_dlo():
+    rod = RodParameters(length=LENGTH, diameter=0.004, young_modulus=1e7, density=1200.0)
+    law = LAW_ERROR * 0.01
+    mass = least_std("point_mass", "mass", 0.01, rod)
+    assert mass == pytest.approx((law**2 + (2.0 * 0.02 * 0.01) ** 2) ** 0.5)
+    measured = replace(rod, diameter_std=1e-3 * rod.diameter)
+    assert least_std("point_mass", "mass", 0.01, measured) == pytest.approx(law, rel=1e-2)
+    give = least_std("clamp_compliance", "end", 2.0, rod)
+    assert give == pytest.approx(2.0 * (LAW_ERROR**2 + 0.04**2) ** 0.5)
+    assert least_std("clamp_angle", "start", 0.1, rod) == 0.0
