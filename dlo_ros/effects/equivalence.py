@@ -8,13 +8,19 @@ leads to the effect. Where effects state them, a search begins there as well.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Self
+from typing import ClassVar, Self
 
 from dlo_ros.effects.start import PlainRod, Start
 
 
 class Equivalence:
-    """Base class of effects; by default an effect has nothing in common with anything."""
+    """Base class of effects; by default an effect has nothing in common with anything.
+
+    Class variables:
+        twins: names of effects that do the same to first order, so that no shapes tell them apart.
+    """
+
+    twins: ClassVar[frozenset[str]] = frozenset()
 
     @classmethod
     def instead_of(

@@ -67,6 +67,7 @@ def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch,
     found = rivals.rivals_of((at, tilt), bare, (), (), object(), complete=True)
     assert list(found) == expected
     assert not expected or found["constant_force"].values == {"x": 0.3}
+    assert not expected or found["constant_force"].twin  # of a tilt no shapes tell it apart
 
 
 @pytest.mark.parametrize(("complete", "gain", "expected"), [
@@ -84,7 +85,7 @@ def test_beside_a_missing_cause_a_plug_as_heavy_is_a_rival_of_a_mass(
     at, bare = evaluation(100.0), evaluation(60.0)
     mass = SimpleNamespace(effect="point_mass", label="point_mass")
     found = rivals.rivals_of((at, mass), bare, (), (), object(), complete=complete)
-    assert found == {name: (plug, proposal, {"mass": 0.01}) for name in expected}
+    assert found == {name: (plug, proposal, {"mass": 0.01}, False) for name in expected}
 
 
 @pytest.mark.parametrize(

@@ -35,13 +35,7 @@ from dlo_ros.inference.joint_fit import approached
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.model_comparison import certain_gain, log_bayes_factor, tells_apart
 from dlo_ros.inference.plain_rod import taken_for_plain
-from dlo_ros.inference.thresholds import (
-    FAR,
-    INDISPENSABLE,
-    LOWERS,
-    NAMED,
-    OWN,
-)
+from dlo_ros.inference.thresholds import FAR, INDISPENSABLE, LOWERS, NAMED, OWN
 
 LOG = logging.getLogger(__name__)
 
@@ -289,7 +283,8 @@ def _best_of(
     Args:
         fits: rivals of one of the model's causes, by their names.
     """
-    best = max(fits.values(), key=lambda r: r.at.posterior.evidence, default=None)
+    others = (r for r in fits.values() if not r.twin)
+    best = max(others, key=lambda r: r.at.posterior.evidence, default=None)
     if best is None or not tells_apart(best.at, at):
         return None
     return best if complete or not takes_little((best.at, best.proposal), at, recordings) else None

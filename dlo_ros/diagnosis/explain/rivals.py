@@ -42,11 +42,13 @@ class Rival(NamedTuple):
         at: the fit.
         proposal: the effect.
         values: what was fitted of it.
+        twin: whether it is one of the cause's `twins`, which explains the data better by chance.
     """
 
     at: Evaluation
     proposal: Proposal
     values: Block
+    twin: bool = False
 
 
 def rivals_of(
@@ -80,7 +82,8 @@ def rivals_of(
             values = there.model.settings.effects.get(proposal.effect, {})
             fitted_ = {split_name(p.name)[1] for p in proposal.parameters if p.effect}
             block = {key: v for key, v in values.items() if key in fitted_}
-            result[proposal.effect] = Rival(there, proposal, block)
+            twin = proposal.effect in effects()[group.effect].twins
+            result[proposal.effect] = Rival(there, proposal, block, twin)
 
     for trial in (*in_its_place(named, recordings, begun), *_freed(named, bare, recordings)):
         taken(trial)

@@ -23,6 +23,7 @@ class ConstantForce(Effect):
     name: ClassVar[str] = "constant_force"
     title: ClassVar[str] = "even force"
     phrase: ClassVar[str] = "an even force, such as a draught, acts on all of the DLO"
+    twins: ClassVar[frozenset[str]] = frozenset({"gravity_tilt"})
 
     x: float = quantity(
         0.0, "N/m", -100.0, 100.0, "along x", tolerance=TOLERANCE, sides=ALONG_AXES[:1]

@@ -30,6 +30,7 @@ class GravityTilt(Effect):
     name: ClassVar[str] = "gravity_tilt"
     title: ClassVar[str] = "tilt of the board"
     phrase: ClassVar[str] = "the board does not hang plumb"
+    twins: ClassVar[frozenset[str]] = frozenset({"constant_force"})
     in_setup: ClassVar[bool] = True
 
     angle: float = quantity(
