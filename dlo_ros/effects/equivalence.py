@@ -18,9 +18,12 @@ class Equivalence:
 
     Class variables:
         twins: names of effects that do the same to first order, so that no shapes tell them apart.
+        mends: names of effects beside which a little of it may only mend their law, where the real
+            one runs otherwise along the DLO.
     """
 
     twins: ClassVar[frozenset[str]] = frozenset()
+    mends: ClassVar[frozenset[str]] = frozenset()
 
     @classmethod
     def instead_of(

@@ -354,15 +354,23 @@ def test_what_is_indispensable_is_named_though_its_size_is_not_known(
     assert told is named
 
 
-@pytest.mark.parametrize("complete", [True, False])
-def test_what_mends_another_s_law_is_no_cause_where_something_is_left(monkeypatch, complete):
-    """A softer part beside a gradient of another course: 0.2 mm for 0.4 of 11 mm."""
+@pytest.mark.parametrize(
+    ("complete", "far", "named"), [(True, False, True), (False, False, False), (True, True, False)]
+)
+def test_what_mends_another_s_law_is_no_cause(monkeypatch, complete, far, named):
+    """A softer part beside a gradient of another course: 0.2 mm for 0.4 of 11 mm.
+
+    Where nothing is left it is one, but for beside a gradient that is far beyond its tolerance.
+    """
+    gradient = proposal_of(PAPER, Start("stiffness_gradient", {"change": 0.0}, (), ("change",)))
     start = Start("stiff_segment", {"ratio": 2.0}, ("ratio",), ("ratio",), neutral=False)
     at, bare, setup = evaluation(9e3, 0.2e-3), evaluation(8.9e3, 0.4e-3), evaluation(0.0, 2e-3)
     at.model = bare.model = setup.model = model_of(PAPER)
     only_err_decides(monkeypatch)
+    monkeypatch.setattr(cause_naming, "beyond", lambda *_: [replace(gradient, start=None)] * far)
+    monkeypatch.setattr(cause_naming, "certain", lambda _, g, *__: g.effect == start.effect)
     words = {"setup": setup, "complete": complete}
-    assert is_named(monkeypatch, start, at, bare, [0.18e-3], 0.5e-3, **words) is complete
+    assert is_named(monkeypatch, start, at, bare, [0.18e-3], 0.5e-3, **words) is named
 
 
 @pytest.mark.slow

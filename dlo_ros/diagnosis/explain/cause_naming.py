@@ -330,7 +330,8 @@ class _Judge:
         if self.exact or (group.start is None and is_beyond(self.at, group)):
             return True
         explained = without_it < OWN * min(own, here)
-        needed = self.complete and without_it > OWN * here
+        mended = effects()[group.effect].mends & {g.effect for g in beyond(self.at)}
+        needed = self.complete and without_it > OWN * here and not mended
         little = explained or (without_it - here < self.least and not needed)
         return not little or self._bears_a_share(group, bare) or bool(strained(bare, self.at))
 

@@ -28,6 +28,7 @@ class StiffSegment(Effect):
     name: ClassVar[str] = "stiff_segment"
     title: ClassVar[str] = "stiffer or softer segment"
     phrase: ClassVar[str] = "one part of the DLO is stiffer or softer than the rest"
+    mends: ClassVar[frozenset[str]] = frozenset({"stiffness_gradient"})
 
     centre: float = quantity(0.0, "m", 0.0, 100.0, "its middle, u", role="place")
     extent: float = quantity(0.0, "m", 0.0, 100.0, "its length", role="extent")
