@@ -217,7 +217,7 @@ def _within(found: Diagnosis) -> str:
 
 
 def _far_off(found: Diagnosis) -> str:
-    """What of the set-up is far beyond its tolerance: which number, or how many, of each effect."""
+    """Titles of the set-up's effects that are far beyond their tolerance, with their numbers."""
     labels, far = labels_of(found), dict[str, list[str]]()
     for name, n in found.setup.items():
         if is_far_off(name, n):

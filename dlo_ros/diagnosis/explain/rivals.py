@@ -42,7 +42,7 @@ class Rival(NamedTuple):
         at: the fit.
         proposal: the effect.
         values: what was fitted of it.
-        twin: whether it is one of the cause's `twins`, which explains the data better by chance.
+        twin: whether it is one of the cause's `twins`, which differ from it by chance alone.
     """
 
     at: Evaluation
