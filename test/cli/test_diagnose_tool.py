@@ -128,11 +128,11 @@ def test_a_wrong_name_is_told_from_a_right_one():
 def test_the_confusion_matrix_counts():
     parameters = {"mass": {"value": 1.3, "std": 0.1}, "position": {"value": 0.2, "std": None}}
     report = {"effects": [{"name": "point_mass", "parameters": parameters}]}
-    assert compare({"point_mass": {"mass": 1.0, "position": 0.21}}, report) == (1, 2)
+    assert compare({"point_mass": {"mass": 1.0, "position": 0.21}}, report) == (1, 2, 1)
     cases = [
-        Case("single", ("point_mass",), "named", ("point_mass",), 3.0, 1.1, 1, 2),
-        Case("none", (), "wrong", ("obstacle",), 5.0, 1.5, 0, 0),
-        Case("triple", ("wall", "point_mass", "connector"), "part", ("wall",), 3.0, 1.1, 0, 0),
+        Case("single", ("point_mass",), "named", ("point_mass",), 3.0, 1.1, 1, 2, 2),
+        Case("none", (), "wrong", ("obstacle",), 5.0, 1.5, 0, 0, 0),
+        Case("triple", ("wall", "point_mass", "connector"), "part", ("wall",), 3.0, 1.1, 0, 0, 0),
     ]
     text = "\n".join(summary(cases))
     assert "none: nothing -> wrong: obstacle" in text

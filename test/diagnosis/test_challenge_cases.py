@@ -63,7 +63,7 @@ def named(challenge, report):
 def held(challenge, report):
     """Whether what was hidden is found, with its numbers, and pays."""
     named(challenge, report)
-    missed, count = compare(challenge.effects, report)
+    missed, count, _ = compare(challenge.effects, report)
     assert missed <= count // 2
     if report["effects"]:
         assert report["gain"]["low"] > 0.1
@@ -92,7 +92,7 @@ def test_a_peg_is_found_round_which_the_rope_whips(tmp_path):
     """
     challenge, report = solved(tmp_path, *WHIP)
     named(challenge, report)
-    assert compare(challenge.effects, report) == (0, 3)
+    assert compare(challenge.effects, report)[:2] == (0, 3)
     assert report["gain"]["low"] > 0.3
 
 
