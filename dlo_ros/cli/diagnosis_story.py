@@ -163,11 +163,7 @@ def _how_wrong(found: Diagnosis, length: float) -> tuple[str, ...]:
 def _why(found: Diagnosis) -> tuple[str, ...]:
     length = found.extended.settings.rod.length
     order = by_share(found.effects)
-    sentences = [_cause(e, length) for e in order]
-    unsized = [k for k, e in enumerate(order) if not is_sized(e, length)]
-    if len(unsized) == 1:
-        sentences[unsized[0]] += f" {UNSIZED}"
-    sentences += _unsized([order[k] for k in unsized], found.extended.scale_std)
+    sentences = _causes(order, length, found.extended.scale_std)
     if sum(e.share is not None for e in order) > 1:
         sentences.append(OVERLAP)
     if found.verdict == "adequate" and order and _immaterial(found):
@@ -253,6 +249,28 @@ def _left(found: Diagnosis) -> str:
     return mm(found.extended.err_holdout)
 
 
+def _causes(order: Sequence[NamedEffect], length: float, scale_std: float) -> list[str]:
+    """Sentences on all causes, and on those of which the data do not determine the strength.
+
+    Args:
+        order: the causes, as they are told.
+        length: length of the DLO [m].
+        scale_std: see `Fitted`.
+    """
+    sentences = [_cause(e, length) for e in order]
+    unsized = [k for k, e in enumerate(order) if not is_sized(e, length)]
+    if len(unsized) == 1:
+        sentences[unsized[0]] += f" {UNSIZED}"
+    elif unsized:
+        sentences.append(
+            UNSIZED_TOGETHER.format(enumerated([title(order[k].name) for k in unsized]))
+        )
+    units = {n.unit for k in unsized for n in order[k].parameters.values()}
+    if scale_std > IDENTIFIED and not units.isdisjoint(POWERS):
+        sentences.append(WEIGHT)
+    return sentences
+
+
 def _cause(effect: NamedEffect, length: float) -> str:
     share = f" ({percent(effect.share)} of the error)" if effect.share else ""
     text = f"Certain{share}: "
@@ -265,21 +283,6 @@ def _cause(effect: NamedEffect, length: float) -> str:
     if effect.share == 0.0:
         text += " The simulation comes as near without it."
     return text
-
-
-def _unsized(causes: Sequence[NamedEffect], scale_std: float) -> list[str]:
-    """Sentences on all causes of which the data do not determine how strongly they act.
-
-    Args:
-        scale_std: see `Fitted`.
-    """
-    units = {n.unit for e in causes for n in e.parameters.values()}
-    sentences = []
-    if len(causes) > 1:
-        sentences.append(UNSIZED_TOGETHER.format(enumerated([title(e.name) for e in causes])))
-    if scale_std > IDENTIFIED and not units.isdisjoint(POWERS):
-        sentences.append(WEIGHT)
-    return sentences
 
 
 def _uncertain(found: Diagnosis, length: float) -> list[str]:

@@ -330,10 +330,14 @@ class _Judge:
         if self.exact or (group.start is None and is_beyond(self.at, group)):
             return True
         explained = without_it < OWN * min(own, here)
-        mended = effects()[group.effect].mends & {g.effect for g in beyond(self.at)}
-        needed = self.complete and without_it > OWN * here and not mended
+        needed = self.complete and without_it > OWN * here and not self._mends_a_law(group)
         little = explained or (without_it - here < self.least and not needed)
         return not little or self._bears_a_share(group, bare) or bool(strained(bare, self.at))
+
+    def _mends_a_law(self, group: Proposal) -> bool:
+        """Whether an effect may only mend the law of a number of the set-up beyond tolerance."""
+        mends = effects()[group.effect].mends
+        return bool(mends) and not mends.isdisjoint(g.effect for g in beyond(self.at))
 
     def _bears_a_share(self, group: Proposal, bare: Evaluation) -> bool:
         """Whether an added effect is one of several without which much more would be left."""
