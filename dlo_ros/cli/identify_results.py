@@ -183,14 +183,21 @@ def _set_up(found: Identification) -> list[str]:
     if not numbers:
         return []
     counts = Counter(split_name(name)[:2] for name in numbers)
-    off = []
+    off: dict[str, str] = {}
     for name, (value, std) in numbers.items():
         effect, key, index = split_name(name)
-        if abs(value - quantities(effect)[key].neutral) > NOTABLE_STDS * std:
-            count = counts[effect, key]
+        q, count = quantities(effect)[key], counts[effect, key]
+        if abs(value - q.neutral) <= NOTABLE_STDS * std:
+            continue
+        if index is not None and not q.counts:  # one of several along the DLO
+            parameter = f"{effect}.{key}"
+            values = [v for n, (v, _) in numbers.items() if split_name(n)[:2] == (effect, key)]
+            span = f"from {number(min(values), digits=2)} to {number(max(values), q.unit, 2)}"
+            off[parameter] = f"{label(parameter)} {span} along u"
+        else:
             words = label(name.removeprefix(EFFECTS_PREFIX), count)
-            off.append(f"{words} {off_by(value, std, effect, key, index, count)}")
-    said = f": {'; '.join(off)}" if off else ", though no single number is off for certain"
+            off[name] = f"{words} {off_by(value, std, effect, key, index, count)}"
+    said = f": {'; '.join(off.values())}" if off else ", though no single number is off for certain"
     return [
         f"The set-up is not exactly what the parameter file says{said}. Its numbers, each as far "
         "from neutral as its tolerance allows, stand in estimate.yaml as effects."
@@ -247,15 +254,20 @@ def remarks(found: Identification) -> list[str]:
 
 
 def _model_errors(found: Identification) -> list[str]:
-    """A sentence on each recording that is farther off than its noise."""
-    return [
-        f"{r.name}: ERR is {r.err / r.noise_floor:.1f} times what noise alone would give. "
-        "Something else is at work, and part of its effect is absorbed by the parameters; "
-        "`diagnose` looks for it."
+    """A sentence on the recordings that are farther off than their noise."""
+    far = [
+        (r.name, r.err / r.noise_floor)
         for r in found.recordings
         if r.err is not None
         and r.noise_floor is not None
         and r.err > MODEL_ERROR_RATIO * r.noise_floor
+    ]
+    if not far:
+        return []
+    times = enumerated([f"{ratio:.1f} times ({name})" for name, ratio in far])
+    return [
+        f"ERR is {times} what noise alone would give. Something else is at work, and part of its "
+        "effect is absorbed by the parameters; `diagnose` looks for it."
     ]
 
 
