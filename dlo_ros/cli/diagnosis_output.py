@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from dlo_ros.cli.diagnosis_story import by_share, extends, story
-from dlo_ros.cli.diagnosis_words import mm, rows, title
+from dlo_ros.cli.diagnosis_words import clear_side, mm, rows, title
 from dlo_ros.cli.results import QUANTITIES, with_std
 from dlo_ros.diagnosis import Diagnosis, Fitted
 from dlo_ros.diagnosis.residuals.relations import sentences
@@ -216,7 +216,7 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
         extends(found),
         tuple(
             FoundEffect(
-                f"{title(e.name)} ({e.name})", _meaning(e.name),
+                f"{title(e.name, clear_side(e))} ({e.name})", _meaning(e.name),
                 tuple(FoundParameter(*row) for row in rows(e, length)),
                 tuple(map(title, e.rivals)),
             )

@@ -121,10 +121,11 @@ def headline(found: Diagnosis) -> str:
 
 
 def _short(effect: NamedEffect) -> str:
+    own = title(effect.name, clear_side(effect))
     rivals = [title(n) for n in effect.rivals]
     if len(rivals) > RIVALS_NAMED:
         rivals = [f"one of {len(rivals)} others"]
-    return f"{title(effect.name)} (or {', '.join(rivals)})" if rivals else title(effect.name)
+    return f"{own} (or {', '.join(rivals)})" if rivals else own
 
 
 def _error(found: Diagnosis) -> float | None:

@@ -26,10 +26,14 @@ SMALL = 1.0
 """Mass [kg] or time [s] below which it is printed in thousandths."""
 
 
-def title(effect: str) -> str:
-    """Title of an effect."""
+def title(effect: str, side: str = "") -> str:
+    """Title of an effect.
+
+    Args:
+        side: word for the side of neutral on which it is; empty: not known.
+    """
     known = effects().get(effect)
-    return known.called() if known else effect.replace("_", " ")
+    return known.called(side) if known else effect.replace("_", " ")
 
 
 def clause(effect: str, side: str = "") -> str:

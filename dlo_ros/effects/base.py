@@ -279,9 +279,13 @@ class Effect(Equivalence):
         cls.idealised = cls.idealised or (ROD in cls.acts_on and not cls.in_setup)
 
     @classmethod
-    def called(cls) -> str:
-        """The title, or the name in words."""
-        return cls.title or cls.name.replace("_", " ")
+    def called(cls, side: str = "") -> str:
+        """The title, or the name in words.
+
+        Args:
+            side: see `report_phrase`.
+        """
+        return cls._on_side(cls.title or cls.name.replace("_", " "), side)
 
     @classmethod
     def report_phrase(cls, side: str = "") -> str:
@@ -291,11 +295,15 @@ class Effect(Equivalence):
             side: one of the words of a parameter's `sides`: it takes the place of both in the
                 phrase, where that names both ("longer or shorter"); empty: it is not known.
         """
-        phrase = cls.phrase or f"there is an effect of {cls.called()}"
+        return cls._on_side(cls.phrase or f"there is an effect of {cls.called()}", side)
+
+    @classmethod
+    def _on_side(cls, words: str, side: str) -> str:
+        """Words in which a known side takes the place of both."""
         for above, below in (pair for q in cls.quantities() for pair in q.sides):
             if side in (above, below):
-                phrase = phrase.replace(f"{above} or {below}", side)
-        return phrase
+                words = words.replace(f"{above} or {below}", side)
+        return words
 
     def shape_body(self, body: Body) -> None:
         """Change the rod: stiffness, rest strain, mass, load, damping, surroundings."""

@@ -229,6 +229,8 @@ def test_a_phrase_that_names_two_sides_names_its_own():
         assert any(told) or not re.search(r"(more|larger|longer|too \w+) or ", phrase), name
     twist = effects()["twisting_stiffness"]
     assert "is smaller than that" in twist.report_phrase("smaller")
+    soft = NamedEffect("stiff_segment", {"ratio": Number(0.5, 0.1, "")}, ())
+    assert headline(case(causes=[soft])).endswith("this is why: softer segment.")
 
 
 @pytest.mark.parametrize("made", [case(), case(setup=SETUP), case("unexplained", ()), found()])
