@@ -226,8 +226,8 @@ def alternative_sentences(found: Identification) -> list[str]:
         )  # fmt: skip
         result.append(
             f"More likely, {clause(other.effect)} ({values}), and E/mu is "
-            f"{number(other.specific_modulus, 'm^2/s^2', 2)} beside that: the standard deviations "
-            "allow for it. `diagnose` tells what else the recordings show."
+            f"{rounded(other.specific_modulus)} m^2/s^2 beside that: the standard deviations allow "
+            "for it. `diagnose` tells what else the recordings show."
         )
     return result
 
