@@ -119,8 +119,8 @@ def test_an_added_cause_that_the_final_fit_denies_is_none(prepared):
     final = fitted_model(model, prepared.recordings)
     names = tuple(p.name for p in proposal.parameters)
     causes = (
-        Cause("quadratic_drag", names, {}, 20.0, 1.5 * final.mean_err),
-        Cause("clamp_angle", ("effects.clamp_angle.start",), {}, 9.0, 0.1),
+        Cause("quadratic_drag", names, {}, 20.0, 1.5 * final.mean_err, final.mean_err),
+        Cause("clamp_angle", ("effects.clamp_angle.start",), {}, 9.0, 0.1, 0.09),
     )
     found = Explanation(prepared.setup, final, causes, 1e-4, 1e-3, 1e-4, (proposal,), ())
     spread = final.posterior.covariance
@@ -138,7 +138,7 @@ def test_an_added_cause_that_the_final_fit_denies_is_none(prepared):
 
 
 def test_a_set_up_is_no_cause_whose_reported_uncertainty_leaves_it_within_its_tolerance(turned):
-    cause = Cause("clamp_angle", ("effects.clamp_angle.start",), {}, 9.0, 0.1)
+    cause = Cause("clamp_angle", ("effects.clamp_angle.start",), {}, 9.0, 0.1, 0.09)
     found = Explanation(turned, turned, (cause,), 1e-4, 1e-3, 1e-4, (), ())
     spread = turned.posterior.covariance
     assert still_certain(found, turned, spread) == found

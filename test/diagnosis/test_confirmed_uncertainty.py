@@ -36,7 +36,7 @@ def with_steep(at, name):
 
 def caused_by(*names, evidence=NOT_MISSED):
     """A cause with some parameters."""
-    return [Cause("clamp_angle", names, {}, evidence, 1.0)]
+    return [Cause("clamp_angle", names, {}, evidence, 1.0, 0.0)]
 
 
 def test_what_simulations_bear_out_stays(fitted):

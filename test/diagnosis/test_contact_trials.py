@@ -79,7 +79,7 @@ def test_of_a_wall_and_a_peg_the_one_that_explains_more_stays(
     at, proposal = found.trial
     assert proposal.effect == named and named in at.model.settings.effects
     assert list(found.rivals) == rivals
-    causes = tuple(Cause(e, (), {}, 9.0, 1e-2) for e in (named, "point_mass"))
+    causes = tuple(Cause(e, (), {}, 9.0, 1e-2, 0.0) for e in (named, "point_mass"))
     whole, lacking = (beside_contact(causes, found, complete=c) for c in (True, False))
     assert list(whole[0].rivals) == rivals
     assert list(lacking[0].rivals) == [{"wall": "obstacle", "obstacle": "wall"}[named]]

@@ -20,7 +20,7 @@ def test_numbers_are_in_doubt_by_what_may_or_may_not_act():
         "point_mass": {"young_modulus": -0.3, "density": -0.2, "effects.wall.offset": 0.01},
         "surface_friction": {"young_modulus": -0.9, "density": 0.0},
     }
-    friction = Cause("surface_friction", (), {}, 90.0, 1e-3)
+    friction = Cause("surface_friction", (), {}, 90.0, 1e-3, 0.0)
     at = SimpleNamespace()
     told = Explanation(at, at, (friction,), 0.0, 0.0, 0.0, (), (), shifts)
     assert told.doubts == (shifts["quadratic_drag"], shifts["point_mass"])

@@ -34,8 +34,8 @@ def test_what_leaves_much_may_stand_for_an_unknown_cause(monkeypatch, frames, le
     recordings = [SimpleNamespace(times=np.arange(frames))]
     prepared = SimpleNamespace(recordings=recordings, plain_err=6e-3)
     causes = (
-        Cause("point_mass", (), {}, 9.0, 5e-3),
-        Cause("gravity_tilt", (), {"constant_force": {}}, 9.0, 5e-3),
+        Cause("point_mass", (), {}, 9.0, 5e-3, 0.0),
+        Cause("gravity_tilt", (), {"constant_force": {}}, 9.0, 5e-3, 0.0),
     )
     told = joint_explanation._no_stand_ins(causes, found, prepared)
     assert [c.effect for c in told] == named
@@ -119,6 +119,6 @@ def test_dampings_are_no_causes_beside_a_model_that_lacks_something():
         SimpleNamespace(name="effects.point_mass.mass", effect="point_mass"),
     ]
     at = SimpleNamespace(model=SimpleNamespace(parameters=parameters))
-    mass = Cause("point_mass", ("effects.point_mass.mass",), {}, 9.0, 5e-3)
-    drag = Cause("air_drag", ("air_drag",), {}, 9.0, 5e-3)
+    mass = Cause("point_mass", ("effects.point_mass.mass",), {}, 9.0, 5e-3, 0.0)
+    drag = Cause("air_drag", ("air_drag",), {}, 9.0, 5e-3, 0.0)
     assert without_dampings((mass, drag), at) == (mass,)

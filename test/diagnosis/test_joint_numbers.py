@@ -111,7 +111,7 @@ def test_a_guessed_drag_is_told_with_its_std_and_has_no_tolerance(draughty):
 
 def test_a_drag_that_is_a_cause_is_not_told_twice(draughty):
     prepared, given, _ = draughty
-    cause = Cause("air_drag", ("air_drag",), {}, 9.0, 1e-3)
+    cause = Cause("air_drag", ("air_drag",), {}, 9.0, 1e-3, 0.0)
     told = set_up_numbers(prepared.setup, (cause,), given)
     assert DRAG not in told and INNER in told
 

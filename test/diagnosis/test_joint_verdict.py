@@ -50,7 +50,7 @@ NAMEABLE = 0.5e-3
     ],
 )
 def test_the_verdict_says_whether_what_matters_is_explained(setup, after, without, verdict):
-    causes = [Cause("camera_scale", (), {}, 20.0, err) for err in without]
+    causes = [Cause("camera_scale", (), {}, 20.0, err, 0.0) for err in without]
     assert _verdict(setup, after, MATTERS, NAMEABLE, causes) == verdict
 
 
@@ -275,7 +275,7 @@ def test_a_recording_that_is_not_explained_does_not_spoil_the_rest(
 def test_a_set_up_does_the_work_of_what_lies_within_its_tolerances(monkeypatch, exact, far, may):
     groups = [SimpleNamespace(effect=name) for name in far]
     monkeypatch.setattr(joint_outcome, "far_off", lambda _: groups)
-    causes = (Cause("gravity_tilt", (), {}, 9.0, 5e-3),)
+    causes = (Cause("gravity_tilt", (), {}, 9.0, 5e-3, 0.0),)
     found = SimpleNamespace(setup=None, causes=causes, exact=exact)
     of_itself = joint_outcome._of_itself(found)
     assert of_itself == may
@@ -334,7 +334,7 @@ def test_a_model_that_a_recording_refuses_is_dropped_and_its_set_up_kept(monkeyp
     theta = setup.model.theta()
     theta[setup.model.index("young_modulus")] += 0.1
     broken = replace(setup, model=setup.model.at(theta))
-    cause = Cause("clamp_angle", ("effects.clamp_angle.start",), {}, 9.0, 1e-2)
+    cause = Cause("clamp_angle", ("effects.clamp_angle.start",), {}, 9.0, 1e-2, 0.0)
     found = Explanation(setup, broken, (cause,), 1e-4, 2e-4, 1e-5, (), ())
     learned = Learned(found, {}, (np.zeros(len(setup.err[0]), dtype=bool),), Errors())
     real, ratio = joint_outcome.simulate, broken.model.settings.rod.specific_modulus

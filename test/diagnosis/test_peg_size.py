@@ -138,8 +138,8 @@ def test_only_a_peg_that_is_named_is_resized(monkeypatch):
     names = ["young_modulus", "density"]
     at.model = SimpleNamespace(names=(*names, *PEG), axis=lambda _: np.zeros(5))
     found = confirmed_uncertainty.confirmed
-    other = Cause("gravity_tilt", tuple(names), {}, 0.0, 1.0)
+    other = Cause("gravity_tilt", tuple(names), {}, 0.0, 1.0, 0.0)
     assert found(at, [None], [other]).parameters == dict.fromkeys(names, 1.5)
-    assert found(at, [None], [Cause("obstacle", PEG, {}, 0.0, 1.0)]).parameters == dict.fromkeys(
-        PEG, 4.0
-    )
+    assert found(
+        at, [None], [Cause("obstacle", PEG, {}, 0.0, 1.0, 0.0)]
+    ).parameters == dict.fromkeys(PEG, 4.0)

@@ -85,7 +85,7 @@ def test_only_a_wall_that_is_named_is_turned(monkeypatch):
     found = confirmed_uncertainty.confirmed
     names = ["young_modulus", "density"]
     at.model = SimpleNamespace(names=(*names, OFFSET, ANGLE), axis=lambda _: np.zeros(4))
-    wall = Cause("wall", (OFFSET, ANGLE), {}, 0.0, 1.0)
-    other = Cause("gravity_tilt", tuple(names), {}, 0.0, 1.0)
+    wall = Cause("wall", (OFFSET, ANGLE), {}, 0.0, 1.0, 0.0)
+    other = Cause("gravity_tilt", tuple(names), {}, 0.0, 1.0, 0.0)
     assert found(at, [None], [other]).parameters == dict.fromkeys(names, 1.5)
     assert found(at, [None], [wall]).parameters == {OFFSET: 4.0, ANGLE: 1.5}

@@ -6,11 +6,9 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
-import numpy as np
-
+from dlo_ros.diagnosis.explain.cause_judge import Judge
 from dlo_ros.diagnosis.explain.cause_search import (
     Search,
     bears_a_share,
@@ -20,8 +18,6 @@ from dlo_ros.diagnosis.explain.certainty import (
     SCALES,
     beyond,
     certain,
-    has_certainly_other_stiffness,
-    is_beyond,
     strained,
 )
 from dlo_ros.diagnosis.explain.contact_trials import Contact, Rivals
@@ -29,13 +25,12 @@ from dlo_ros.diagnosis.explain.left_out import best_known, linear_loss, without
 from dlo_ros.diagnosis.explain.offered_effects import offered
 from dlo_ros.diagnosis.explain.rivals import Rival, rivals_of
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
-from dlo_ros.effects import Start, effects
+from dlo_ros.effects import Start
 from dlo_ros.inference.joint import Evaluation
-from dlo_ros.inference.joint_fit import approached
+from dlo_ros.inference.joint_fit import approached, nearest_err
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.model_comparison import certain_gain, log_bayes_factor, tells_apart
-from dlo_ros.inference.plain_rod import taken_for_plain
-from dlo_ros.inference.thresholds import FAR, INDISPENSABLE, LOWERS, NAMED, OWN
+from dlo_ros.inference.thresholds import FAR, INDISPENSABLE, NAMED
 
 LOG = logging.getLogger(__name__)
 
@@ -55,7 +50,7 @@ class Cause:
         names: names of the effect's parameters.
         rivals: effects that explain the data as well in its place, with the values of their keys.
         evidence: log evidence that is lost without it.
-        err: ERR without it [m].
+        err, near: ERR to which the model can come without it, and with it [m].
     """
 
     effect: str
@@ -63,6 +58,7 @@ class Cause:
     rivals: Rivals
     evidence: float
     err: float
+    near: float
 
 
 class Named(NamedTuple):
@@ -221,7 +217,7 @@ def named(
     shifts: dict[str, Mapping[str, float]] = {}
     instead: dict[str, Mapping[str, float]] = {}
     shared: list[tuple[float, Proposal]] = []
-    judge = _Judge(at, setup, recordings, owns, least, exact, complete)
+    judge = Judge(at, setup, recordings, owns, least, exact, complete)
     for group in (*found.causes, *beyond(at)):
         sized = certain(at, group, SCALES)
         if not sized and (group.start is None or not complete):
@@ -238,7 +234,8 @@ def named(
             shifts[group.effect] = _changes(at, bare, group)
         if not _needed(at, bare, group, begun, sized=sized):
             continue
-        if judge.matters(group, bare):
+        there = approached(bare, recordings)
+        if judge.matters(group, bare, there):
             offer = offered(at, recordings, begun, offer)
             fits = rivals_of((at, group), bare, recordings, begun, offer, complete=complete)
             better = _best_of(fits, at, recordings, complete=complete) if exchange else None
@@ -247,7 +244,7 @@ def named(
                 return Named((), {}, found.exchanged(group, (better.at, better.proposal)))
             instead |= {effect: _changes(at, r.at, group) for effect, r in fits.items()}
             blocks = {effect: r.values for effect, r in fits.items()}
-            result.append(_cause(group, blocks, at, bare))
+            result.append(_cause(judge, group, blocks, bare, there.mean_err))
         elif twins := strained(bare, at):
             values = bare.model.settings.effects
             both = tuple(p for g in (group, *twins) for p in g.parameters)
@@ -257,16 +254,18 @@ def named(
                 if t.effect in values and t.effect != group.effect  # it may be the other end's
             }  # fmt: skip
             instead |= dict.fromkeys(rivals, _changes(at, bare, group))
-            result.append(_cause(group, rivals, at, neither))
+            without_both = nearest_err(neither, recordings)
+            result.append(_cause(judge, group, rivals, neither, without_both))
         elif group.start is not None:
             shared.append((log_bayes_factor(at, bare), group))
     # One of several effects that do each other's work acts for certain where the set-up does not.
     if len(shared) > 1 and len(shared) == sum(c.start is not None for c in found.causes):
         _, first = max(shared, key=lambda row: row[0])
-        if judge.matters(first, setup):
+        there = approached(setup, recordings)
+        if judge.matters(first, setup, there):
             effects = at.model.settings.effects
             others = {c.effect: effects[c.effect] for _, c in shared if c.effect != first.effect}
-            result.append(_cause(first, others, at, setup))
+            result.append(_cause(judge, first, others, setup, there.mean_err))
     causes = _merged(result)
     told = {rival for cause in causes for rival in cause.rivals}
     return Named(causes, shifts | {r: instead[r] for r in told & instead.keys()})
@@ -290,91 +289,15 @@ def _best_of(
     return best if complete or not takes_little((best.at, best.proposal), at, recordings) else None
 
 
-@dataclass(frozen=True)
-class _Judge:
-    """Whether what a cause explains matters; see `named`."""
+def _cause(judge: Judge, group: Proposal, rivals: Rivals, bare: Evaluation, err: float) -> Cause:
+    """A group as a cause.
 
-    at: Evaluation
-    setup: Evaluation
-    recordings: Sequence[Recording]
-    owns: Sequence[float]
-    least: float
-    exact: bool
-    complete: bool
-
-    @cached_property
-    def near(self) -> Evaluation:
-        """The model with all causes, nearer to the shapes."""
-        return approached(self.at, self.recordings)
-
-    def matters(self, group: Proposal, bare: Evaluation) -> bool:
-        """Whether what a fit without a cause misses matters.
-
-        Args:
-            bare: the fit.
-        """
-        # Neither does ERR tell where a plain rod of another E / mu stands for an effect.
-        if (
-            group.start is not None
-            and has_certainly_other_stiffness(bare.model, self.at)
-            and has_certainly_other_stiffness(taken_for_plain(self.at.model, group.effect), self.at)
-        ):
-            return True
-        there = approached(bare, self.recordings)
-        LOG.info("without %s: %.3f mm", group.label, 1e3 * there.mean_err)
-        here, without_it, own = self._errs_where_it_acts(self.near, there, group)
-        if here > (1.0 - LOWERS) * without_it:
-            if self.complete or not _nearer_as_fitted(self.at, bare, group):
-                return False
-            here, without_it, own = self._errs_where_it_acts(self.at, bare, group)
-        if self.exact or (group.start is None and is_beyond(self.at, group)):
-            return True
-        explained = without_it < OWN * min(own, here)
-        needed = self.complete and without_it > OWN * here and not self._mends_a_law(group)
-        little = explained or (without_it - here < self.least and not needed)
-        return not little or self._bears_a_share(group, bare) or bool(strained(bare, self.at))
-
-    def _mends_a_law(self, group: Proposal) -> bool:
-        """Whether an effect may only mend the law of a number of the set-up beyond tolerance."""
-        mends = effects()[group.effect].mends
-        return bool(mends) and not mends.isdisjoint(g.effect for g in beyond(self.at))
-
-    def _bears_a_share(self, group: Proposal, bare: Evaluation) -> bool:
-        """Whether an added effect is one of several without which much more would be left."""
-        if self.complete or group.start is None:
-            return False
-        return bears_a_share(self.at, bare, self.setup.posterior.evidence)
-
-    def _errs_where_it_acts(
-        self, at: Evaluation, bare: Evaluation, group: Proposal
-    ) -> tuple[float, float, float]:
-        """ERR with and without a cause, and of the measurement alone [m]; of what acts now and
-        then, such as a peg that is hit or a yield, in the recording where it takes most.
-        """
-        if effects()[group.effect].smooth:
-            return at.mean_err, bare.mean_err, float(np.mean(self.owns))
-        errs = (
-            (float(np.mean(a)), float(np.mean(b)), own)
-            for a, b, own in zip(at.err, bare.err, self.owns, strict=True)
-        )
-        return max(errs, key=lambda e: e[1] - e[0])
-
-
-def _nearer_as_fitted(at: Evaluation, bare: Evaluation, group: Proposal) -> bool:
-    """Whether a model lies nearer to the shapes than one without an effect, by more than chance.
-
-    With wrong values of the rest, other laws may come as near to a few shapes at the cost of their
-    likelihood. Numbers of the set-up do so for what is missing: of these it tells nothing.
+    Args:
+        bare: the fit without it.
+        err: how near that model can come [m].
     """
-    if group.start is None:
-        return False
-    return at.mean_err < (1.0 - LOWERS) * bare.mean_err and tells_apart(at, bare)
-
-
-def _cause(group: Proposal, rivals: Rivals, at: Evaluation, bare: Evaluation) -> Cause:
-    """A group as a cause."""
-    names = tuple(p.name for p in group.parameters)
-    return Cause(group.effect, names, rivals, log_bayes_factor(at, bare), bare.mean_err)
+    names, evidence = tuple(p.name for p in group.parameters), log_bayes_factor(judge.at, bare)
+    return Cause(group.effect, names, rivals, evidence, err, judge.near.mean_err)
 
 
 def _changes(at: Evaluation, other: Evaluation, group: Proposal) -> dict[str, float]:
@@ -394,7 +317,7 @@ def _merged(causes: Sequence[Cause]) -> tuple[Cause, ...]:
         Cause(
             effect, tuple(n for c in same for n in c.names),
             {r: v for r, v in same[0].rivals.items() if all(r in c.rivals for c in same)},
-            same[0].evidence, max(c.err for c in same),
+            same[0].evidence, max(c.err for c in same), same[0].near,
         )
         for effect, same in by_effect.items()
     )  # fmt: skip

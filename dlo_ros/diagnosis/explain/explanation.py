@@ -84,7 +84,7 @@ def still_certain(found: Explanation, final: Evaluation, covariance: FloatArray)
     may_be = {g.label for g in (found.proposals if found.exact else beyond(final, covariance))}
     sure = {p.name for g in groups if _still(final, g, covariance, may_be) for p in g.parameters}
     added = {g.effect for g in found.proposals if g.start is not None}
-    most = {c.effect for c in found.causes if found.at.mean_err < FAR * c.err} & added
+    most = {c.effect for c in found.causes if c.near < FAR * c.err} & added
     kept = tuple(c for c in found.causes if sure & set(c.names) or c.effect in most)
     return replace(found, causes=kept, uncertain=tuple(c for c in found.causes if c not in kept))
 

@@ -324,7 +324,7 @@ def _effect(cause: Cause, final: _Final, given: Settings, missed: float) -> Name
         missed: error of the plain model on the recordings learned from, beyond the measurement's
             own [m].
     """
-    share = (cause.err - final.found.at.mean_err) / missed if missed > 0.0 else None
+    share = (cause.err - cause.near) / missed if missed > 0.0 else None
     return NamedEffect(
         cause.effect,
         effect_numbers(cause.effect, final.at, given, final.wider.parameters, final.found.doubts),
