@@ -191,12 +191,12 @@ def _setup_table(lines: Sequence[SetupRow]) -> list[str]:
     table = [f"{a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in cells]
     if rest:
         if rest == 1:
-            more = "The other number is as it" if notable else "The number is as it"
+            more = "The other number is" if notable else "The number is"
         elif notable:
-            more = f"{rest} other numbers are as they"
+            more = f"{rest} other numbers are"
         else:
-            more = f"{'Both' if rest == 2 else f'All {rest}'} numbers are as they"
-        table.append(f"{more} should be, as far as these data determine.")
+            more = f"{'Both' if rest == 2 else f'All {rest}'} numbers are"
+        table.append(f"{more} not clearly off: report.html has them.")
     return table
 
 

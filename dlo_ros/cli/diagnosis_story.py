@@ -22,7 +22,7 @@ from dlo_ros.cli.error_places import places, spread
 from dlo_ros.cli.set_up_table import is_far_off, labels_of, set_up_is_off, setup_lines
 from dlo_ros.diagnosis import Diagnosis, NamedEffect
 from dlo_ros.identification.force_scale import POWERS
-from dlo_ros.identification.identifiability import enumerated
+from dlo_ros.identification.identifiability import enumerated, rounded
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.thresholds import IDENTIFIED
 from dlo_ros.report.diagnosis_content import Question, SetupRow
@@ -31,8 +31,10 @@ from dlo_ros.report.elements import measured, number
 QUESTION_ERROR = "How wrong is my simulation?"
 QUESTION_CAUSE = "Why?"
 QUESTION_GAIN = "What do I gain?"
+AS_FITTED = "the set-up as fitted"
 RIVALS_NAMED = 2
 """Rivals that the headline names."""
+OTHERWISE = "with other numbers than those told here, "
 COUNTS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 OVERLAP = (
     "A share is how much of the error comes back where that cause alone is left out and the rest "
@@ -101,7 +103,8 @@ def extends(found: Diagnosis) -> bool:
 def headline(found: Diagnosis) -> str:
     """The result in a sentence."""
     err = _error(found)
-    causes = enumerated([_short(e) for e in by_share(found.effects)])
+    order = by_share(found.effects)
+    causes = enumerated([_short(e, order) for e in order])
     off = "The simulation is off" if err is None else f"The simulation is {mm(err)} off"
     if found.verdict == "adequate":
         if _immaterial(found):
@@ -120,9 +123,14 @@ def headline(found: Diagnosis) -> str:
     return f"{off}, and no cause that is known here is certain."
 
 
-def _short(effect: NamedEffect) -> str:
-    own = title(effect.name, clear_side(effect))
-    rivals = [title(n) for n in effect.rivals]
+def _short(effect: NamedEffect, causes: Sequence[NamedEffect]) -> str:
+    """A cause with its rivals, in few words.
+
+    Args:
+        causes: all causes; one may be a rival of another one, with other numbers.
+    """
+    own, named = title(effect.name, clear_side(effect)), {c.name for c in causes}
+    rivals = [f"another {title(n)}" if n in named else title(n) for n in effect.rivals]
     if len(rivals) > RIVALS_NAMED:
         rivals = [f"one of {len(rivals)} others"]
     return f"{own} (or {', '.join(rivals)})" if rivals else own
@@ -186,9 +194,11 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
         )
     elif found.verdict == "unexplained":
         beside = "The remaining error" if sentences else "Nothing is certain. The error"
+        doubt = ", and what is unknown may be a part of what is told above" if sentences else ""
         if not sentences and extends(found):
             beside = f"No cause is certain; the set-up{_within(found)} explains a part. The rest"
-        sentences.append(f"{beside} ({_left(found)}) is explained by no cause that is known here.")
+        known = f"is explained by no cause that is known here{doubt}"
+        sentences.append(f"{beside} ({_left(found)}) {known}.")
         sentences += _uncertain(found, length)
     return tuple(sentences)
 
@@ -258,7 +268,7 @@ def _causes(order: Sequence[NamedEffect], length: float, scale_std: float) -> li
         length: length of the DLO [m].
         scale_std: see `Fitted`.
     """
-    sentences = [_cause(e, length) for e in order]
+    sentences = [_cause(e, order, length) for e in order]
     unsized = [k for k, e in enumerate(order) if not is_sized(e, length)]
     if len(unsized) == 1:
         sentences[unsized[0]] += f" {UNSIZED}"
@@ -272,7 +282,7 @@ def _causes(order: Sequence[NamedEffect], length: float, scale_std: float) -> li
     return sentences
 
 
-def _cause(effect: NamedEffect, length: float) -> str:
+def _cause(effect: NamedEffect, causes: Sequence[NamedEffect], length: float) -> str:
     share = f" ({percent(effect.share)} of the error)" if effect.share else ""
     text = f"Certain{share}: "
     if effect.rivals:
@@ -280,7 +290,7 @@ def _cause(effect: NamedEffect, length: float) -> str:
             f"One of these {_count(effect)} is certain{share}, "
             "but the data do not determine which: "
         )
-    text += f"{_with_rivals(effect, length)}."
+    text += f"{_with_rivals(effect, length, causes)}."
     if effect.share == 0.0:
         text += " The simulation comes as near without it."
     return text
@@ -303,11 +313,17 @@ def _uncertain(found: Diagnosis, length: float) -> list[str]:
     return sentences
 
 
-def _with_rivals(effect: NamedEffect, length: float) -> str:
-    """The clause of a cause with its numbers, and those of its rivals."""
+def _with_rivals(effect: NamedEffect, length: float, causes: Sequence[NamedEffect] = ()) -> str:
+    """The clause of a cause with its numbers, and those of its rivals.
+
+    Args:
+        causes: causes that are told besides; a rival among them would have other numbers.
+    """
+    told = {c.name for c in causes}
     numbers = f" ({values(effect, length)})" if effect.parameters else ""
     own = f"{clause(effect.name, clear_side(effect))}{numbers}"
-    return either([own, *(clause(r) for r in effect.rivals)])
+    rivals = (f"{OTHERWISE if r in told else ''}{clause(r)}" for r in effect.rivals)
+    return either([own, *rivals])
 
 
 def _count(effect: NamedEffect) -> str:
@@ -326,7 +342,9 @@ def _worse(found: Diagnosis) -> bool:
 def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
     before, after = found.baseline.err_holdout, found.extended.err_holdout
     value, std = found.extended.specific_modulus
-    known = measured(value, std, "m^2/s^2") if std else f"{number(value)} m^2/s^2, how well unknown"
+    known = (
+        measured(value, std, "m^2/s^2") if std else f"{rounded(value)} m^2/s^2, how well unknown"
+    )
     load = LOAD.format(file)
     if not extends(found):
         return (f"{load}: it holds what was fitted, E/mu = {known}. Nothing is added to it.",)
@@ -353,9 +371,9 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
             sentences.append(f"{left} is still more than {matters}.")
             if found.verdict != "unexplained":
                 sentences.append("Fitted to these data as well, the model leaves less than that.")
-    what = "all of that" if found.effects else "the set-up as fitted"
+    what = "these causes, all that was fitted beside them" if found.effects else AS_FITTED
     if _worse(found):
-        plain = number(found.baseline.specific_modulus[0])
+        plain = rounded(found.baseline.specific_modulus[0])
         sentences.append(
             f"Do not use {file} for such manipulations: it holds {what}, learned from the other "
             f"data, which does not hold there. The plain model with E/mu = {plain} m^2/s^2 is "

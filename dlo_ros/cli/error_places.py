@@ -34,8 +34,8 @@ def spread(views: Sequence[RecordingView]) -> list[str]:
         return []
     where = "all recordings" if len(errors) > 1 else "the whole recording"
     return [
-        f"In nine of ten pictures of {where}, those that it was fitted to included, it is between "
-        f"{mm(float(low))} and {mm(float(high))} off."
+        f"Fitted to all that may be learned from, it is between {mm(float(low))} and "
+        f"{mm(float(high))} off in nine of ten pictures of {where}."
     ]
 
 

@@ -157,7 +157,7 @@ def summary(found: Identification) -> list[str]:
             "with the estimate (mean distance, ERR)"
         )
     lines += force_sentences(found) + alternative_sentences(found)
-    return lines + _set_up(found) + _model_errors(found)
+    return lines + _set_up(found) + _fit(found) + _model_errors(found)
 
 
 def _headline(found: Identification) -> str:
@@ -199,8 +199,8 @@ def _set_up(found: Identification) -> list[str]:
             off[name] = f"{words} {off_by(value, std, effect, key, index, count)}"
     said = f": {'; '.join(off.values())}" if off else ", though no single number is off for certain"
     return [
-        f"The set-up is not exactly what the parameter file says{said}. Its numbers, each as far "
-        "from neutral as its tolerance allows, stand in estimate.yaml as effects."
+        f"The set-up is not exactly what the parameter file says{said}. All its numbers, as "
+        "fitted, stand in estimate.yaml as effects."
     ]
 
 
@@ -225,9 +225,9 @@ def alternative_sentences(found: Identification) -> list[str]:
             for key, v in other.values.items() if isinstance(v, float)
         )  # fmt: skip
         result.append(
-            f"More likely, {clause(other.effect)} ({values}), and E/mu is "
-            f"{rounded(other.specific_modulus)} m^2/s^2 beside that: the standard deviations allow "
-            "for it. `diagnose` tells what else the recordings show."
+            f"A model in which {clause(other.effect)} ({values}) explains the recordings better; "
+            f"there E/mu is {rounded(other.specific_modulus)} m^2/s^2, and the standard deviations "
+            "here allow for it. `diagnose` tells what else the recordings show."
         )
     return result
 
@@ -237,7 +237,15 @@ def remarks(found: Identification) -> list[str]:
     result = sentences(found.estimate, found.fitted.information)
     result += force_sentences(found)
     result += alternative_sentences(found)
-    result += _set_up(found)
+    result += _set_up(found) + _fit(found) + _model_errors(found)
+    if found.fitted.error > 0.0:
+        result.append(f"The simulation's own error is {rounded(1e3 * found.fitted.error)} mm.")
+    return result
+
+
+def _fit(found: Identification) -> list[str]:
+    """Sentences on a fit that has not ended, and on pictures that do not count in it."""
+    result = []
     if not found.fitted.converged:
         result.append("The fit has not converged; the numbers are where it stopped.")
     left_out = sum(found.fitted.left_out)
@@ -247,9 +255,6 @@ def remarks(found: Identification) -> list[str]:
             if left_out == 1
             else f"{left_out} pictures deviate grossly and do not count in the fit."
         )
-    result += _model_errors(found)
-    if found.fitted.error > 0.0:
-        result.append(f"The simulation's own error is {rounded(1e3 * found.fitted.error)} mm.")
     return result
 
 
@@ -264,10 +269,10 @@ def _model_errors(found: Identification) -> list[str]:
     ]
     if not far:
         return []
-    times = enumerated([f"{ratio:.1f} times ({name})" for name, ratio in far])
+    times = enumerated([f"{number(ratio, digits=2)} times ({name})" for name, ratio in far])
     return [
-        f"ERR is {times} what noise alone would give. Something else is at work, and part of its "
-        "effect is absorbed by the parameters; `diagnose` looks for it."
+        f"ERR is {times} what the noise from picture to picture would give. Something else is at "
+        "work, and the numbers above absorb a part of it; `diagnose` looks for it."
     ]
 
 

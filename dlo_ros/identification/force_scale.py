@@ -14,6 +14,7 @@ import numpy as np
 
 from dlo_ros.command import Command
 from dlo_ros.effects import quantities
+from dlo_ros.effects.start import Block
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces
 from dlo_ros.identification.estimate import bounded
 from dlo_ros.identification.identifiability import rounded
@@ -186,19 +187,21 @@ def with_scale(settings: Settings, log: float) -> Settings:
     """The settings with all forces multiplied by exp(log): every shape stays as it is."""
     factor = float(np.exp(log))
     rod, damping = settings.rod, settings.damping
-    effects: dict[str, dict[str, float | tuple[float, ...]]] = {}
-    for name, block in settings.effects.items():
-        effects[name] = {}
-        for key, value in block.items():
-            by = factor ** POWERS.get(quantities(name)[key].unit, 0.0)
-            effects[name][key] = (
-                tuple(by * v for v in value) if isinstance(value, tuple) else by * value
-            )
+    effects = {name: scaled_block(name, block, log) for name, block in settings.effects.items()}
     return replace(
         settings.with_effects(effects),
         rod=replace(rod, young_modulus=factor * rod.young_modulus, density=factor * rod.density),
         damping=replace(damping, air_drag=factor * damping.air_drag),
     )
+
+
+def scaled_block(effect: str, block: Block, log: float) -> dict[str, float | tuple[float, ...]]:
+    """The parameters of an effect with all forces multiplied by exp(log)."""
+    result: dict[str, float | tuple[float, ...]] = {}
+    for key, value in block.items():
+        by = float(np.exp(log * POWERS.get(quantities(effect)[key].unit, 0.0)))
+        result[key] = tuple(by * v for v in value) if isinstance(value, tuple) else by * value
+    return result
 
 
 def words(std: tuple[float | None, float | None, float | None], messages: int) -> str:

@@ -99,7 +99,7 @@ def uncertain(given: Settings) -> list[Parameter]:
             q = quantities(effect)[key]
             values = value if isinstance(value, tuple) else (value,)
             for name, here in zip(effect_names(effect, key, value), values, strict=True):
-                std = width / abs(here) if q.logarithmic and q.unit else width
+                std = _seen(q, width, float(here))
                 result.append(_parameter(name, q, float(here), std, given, tolerated=True))
     return result
 
@@ -154,18 +154,24 @@ def cause_priors(given: Settings, start: Start) -> tuple[tuple[Parameter, ...], 
     return tuple(result), columns
 
 
+def _seen(q: Quantity, std: float, value: float) -> float:
+    """A stated std as a fit sees it; that of a ratio is stated as one of its logarithm."""
+    return std / abs(value) if q.logarithmic and q.unit else std
+
+
 def _of_cause(name: str, q: Quantity, value: float, start: Start, given: Settings) -> Parameter:
     """A number of an added effect: places anywhere, sizes as large as causes may be."""
-    low, high = q.search_for(given.scale)
     if q.geometric:
-        result = _parameter(name, q, 0.5 * (low + high), UNIFORM * (high - low), given)
+        low, high = (q.transformed(x) for x in q.search_for(given.scale))
+        centre, width = q.restored(0.5 * (low + high)), UNIFORM * (high - low)
+        result = _parameter(name, q, centre, width, given)
         if q.role != "point":
             return result
         # It may lie anywhere in a room, and yet it is the DLO's size by which its moves count.
         return replace(result, matters=0.1 * UNIFORM * given.rod.length)
     known = tolerance(given, f"{start.effect}.{q.name}")
     if known:
-        return _parameter(name, q, q.neutral, SLAB * known, given)
+        return _parameter(name, q, q.neutral, SLAB * _seen(q, known, q.neutral), given)
     if q.logarithmic:
         return _parameter(name, q, value, WIDE, given)
     return _parameter(name, q, q.neutral, q.natural_for(given.scale), given)

@@ -82,5 +82,5 @@ def test_recordings_beyond_their_noise_are_told_in_one_sentence():
         for name, err in (("first", 1.5e-4), ("second", 4e-4), ("third", 9e-4))
     ]
     (told,) = [line for line in summary(identified(recordings)) if "noise" in line]
-    assert told.startswith("ERR is 4.0 times (second) and 9.0 times (third) what noise alone")
+    assert told.startswith("ERR is 4.0 times (second) and 9.0 times (third) what the noise")
     assert not [line for line in summary(identified(recordings[:1])) if "noise" in line]

@@ -14,7 +14,7 @@ from rods import PAPER, command
 from dlo_ros.cli.identify_results import remarks, tree
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis import diagnose
-from dlo_ros.diagnosis.findings.diagnosis_outcome import Fitted, NamedEffect, Number
+from dlo_ros.diagnosis.findings.diagnosis_outcome import Fitted, NamedEffect, Number, SetupNumber
 from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
 from dlo_ros.files import read_yaml
 from dlo_ros.identification import OnlineEstimator, identify
@@ -135,6 +135,29 @@ def test_a_diagnosis_takes_the_scale_of_its_forces(swinging):
     ).effects
     std = sharp.parameters["mass"].std
     assert 0.02 < std / sharp.parameters["mass"].value < 0.1
+    # Whatever stands in the file does so, and what each recording has of its own.
+    own = Number(0.0, 0.1, "s", {"first": -0.1, "second": 0.1})
+    slip = NamedEffect("clamp_slip", {"onset": own}, ())
+    rival = NamedEffect(
+        "gravity_tilt", {"angle": Number(0.1, 0.01, "rad")}, ("constant_force",),
+        rival_values={"constant_force": {"x": 0.08}},
+    )  # fmt: skip
+    drag = SetupNumber(0.04, 0.004, None, "N s/m^2")
+    number = replace(drag, value=0.08, unit="N/m")
+    numbers = {"surface_friction.force": number, "air_drag.coefficient": drag}
+    scaled = with_forces(
+        replace(found, effects=(mass, slip), uncertain=(rival,), setup=numbers), [few],
+        known(SENSOR),
+    )  # fmt: skip
+    assert scaled.effects[1].parameters["onset"].own == own.own
+    (again,) = scaled.uncertain
+    assert again.parameters["angle"].value == pytest.approx(0.1)
+    assert again.rival_values["constant_force"]["x"] == pytest.approx(0.1, rel=0.05)
+    assert scaled.setup["surface_friction.force"].value == pytest.approx(0.1, rel=0.05)
+    there = PAPER.damping.air_drag
+    assert scaled.setup["air_drag.coefficient"].value + there == pytest.approx(
+        1.25 * (0.04 + there), rel=0.05
+    )
     assert "more" in told_by_force.remarks and "determine mu to" in told_by_force.remarks[-1]
     without = with_forces(found, [replace(few, wrenches=())], known(SENSOR))
     assert without.extended == model

@@ -48,6 +48,7 @@ from dlo_ros.diagnosis.findings.soft_axis import with_soft_axis
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
 from dlo_ros.effects import added_to_damping, effects
 from dlo_ros.errors import SimulationError
+from dlo_ros.identification.identifiability import rounded
 from dlo_ros.identification.offline.initial_fit import Beginning
 from dlo_ros.identification.offline.without_own_error import without_own_error
 from dlo_ros.identification.residual_noise import whitened
@@ -71,10 +72,10 @@ REPEAT = (
     "belongs to the DLO and its grips."
 )
 CHANGED = (
-    "Held alike, to {expected} of its shape, the DLO rests {distance} apart in {first} and in "
-    "{second}: it, a grip or the camera changed between them, as what creeps, or was bent "
-    "meanwhile, does. Nothing that is the same in all recordings explains that. Let the DLO hang "
-    "as long before each recording, and record both again."
+    "In {first} and in {second} the DLO is once held alike, so that its shapes should agree to "
+    "{expected}, and yet it rests {distance} apart: it, a grip or the camera changed between them, "
+    "as a DLO does that creeps or was bent meanwhile. Nothing that is the same in all recordings "
+    "explains that. Let the DLO hang as long before each recording, and record both again."
 )
 SWING = (
     "Record how the DLO swings after a quick motion, too: these recordings do not determine how a "
@@ -367,7 +368,7 @@ def _advice(verdict: Verdict, found: Explanation, changed: RestChange | None = N
 
 def _told(changed: RestChange) -> str:
     first, second = changed.names
-    expected, distance = _mm(changed.expected), _mm(changed.distance)
+    expected, distance = (f"{rounded(1e3 * x)} mm" for x in (changed.expected, changed.distance))
     return CHANGED.format(first=first, second=second, expected=expected, distance=distance)
 
 

@@ -14,7 +14,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis, Fitted, NamedEffect, Number
+from dlo_ros.diagnosis.findings.diagnosis_outcome import (
+    Diagnosis,
+    Fitted,
+    NamedEffect,
+    Number,
+    SetupNumber,
+)
+from dlo_ros.effects import added_to_damping
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.cooperative_tasks import exhausted
 from dlo_ros.identification.force_scale import (
@@ -22,6 +29,7 @@ from dlo_ros.identification.force_scale import (
     Scale,
     borne_along,
     scale_of,
+    scaled_block,
     with_scale,
     words,
 )
@@ -64,11 +72,20 @@ def with_forces(
         LOG.warning("no measured force lies near an observed shape at a grip; none is used")
         return found
     count = sum(len(w.stamps) for r in measured for w in r.wrenches)
+    effects, uncertain = (
+        tuple(_effect(e, extended, found.extended.scale_std) for e in named)
+        for named in (found.effects, found.uncertain)
+    )
     return replace(
         found,
         baseline=_scaled(found.baseline, base),
         extended=_scaled(found.extended, extended),
-        effects=tuple(_effect(e, extended, found.extended.scale_std) for e in found.effects),
+        effects=effects,
+        uncertain=uncertain,
+        setup={
+            name: _setup_number(name, n, extended, found.extended.scale_std, given)
+            for name, n in found.setup.items()
+        },
         remarks=(*found.remarks, words(extended.relative, count)),
     )
 
@@ -98,7 +115,7 @@ def _scaled(model: Fitted, scale: Scale) -> Fitted:
     return replace(
         model, settings=with_scale(model.settings, scale.log),
         young_modulus=scaled(model.young_modulus[0], modulus_std),
-        density=scaled(model.density[0], std),
+        density=scaled(model.density[0], std), scale_std=min(std, model.scale_std),
     )  # fmt: skip
 
 
@@ -111,15 +128,56 @@ def _effect(effect: NamedEffect, scale: Scale, before: float) -> NamedEffect:
     """
     result = {}
     for key, number in effect.parameters.items():
+        value, std = number.value, number.std
         power = POWERS.get(number.unit, 0.0)
-        factor = math.exp(power * scale.log)
-        value, std = factor * np.array(number.value), number.std
         if std is not None and power:
-            wide = factor * np.array(std)
-            own = np.maximum(wide**2 - (power * before * value) ** 2, (LEAST * wide) ** 2)
-            std = _plain(np.sqrt(own + (power * scale.std[0] * value) ** 2))
-        result[key] = Number(_plain(value), std, number.unit)
-    return replace(effect, parameters=result)
+            std = _plain(_std(np.array(value), np.array(std), power, scale, before))
+        factor = math.exp(power * scale.log)
+        own = {name: factor * x for name, x in number.own.items()}
+        result[key] = Number(_plain(factor * np.array(value)), std, number.unit, own)
+    rivals = {
+        name: scaled_block(name, block, scale.log) for name, block in effect.rival_values.items()
+    }
+    return replace(effect, parameters=result, rival_values=rivals)
+
+
+def _setup_number(
+    name: str, number: SetupNumber, scale: Scale, before: float, given: Settings
+) -> SetupNumber:
+    """A number of the set-up whose forces have another scale; a damping's is told as what it adds
+    to that of the parameter file.
+
+    Args:
+        name: effect and key.
+        before: see `_effect`.
+    """
+    power = POWERS.get(number.unit, 0.0)
+    if not power:
+        return number
+    damping = added_to_damping().get(name.partition(".")[0])
+    there: float = getattr(given.damping, damping[0]) if damping else 0.0
+    whole, factor = number.value + there, math.exp(power * scale.log)
+    std, held = number.std, number.held_std
+    if std is not None:
+        std = float(_std(np.array(whole), np.array(std), power, scale, before))
+    elif held is not None:  # what was known at the given density is known at the measured one
+        std, held = factor * math.hypot(held, power * scale.std[0] * whole), None
+    return replace(number, value=factor * whole - there, std=std, held_std=held)
+
+
+def _std(
+    value: FloatArray, std: FloatArray, power: float, scale: Scale, before: float
+) -> FloatArray:
+    """Standard deviations of forces, with that of the measured scale in the place of the former.
+
+    Args:
+        value, std: forces before, and their standard deviations.
+        power: with which they go with the scale.
+        before: relative standard deviation of the scale that theirs contain.
+    """
+    own = np.maximum(std**2 - (power * before * value) ** 2, (LEAST * std) ** 2)
+    result = math.exp(power * scale.log) * np.sqrt(own + (power * scale.std[0] * value) ** 2)
+    return np.asarray(result)
 
 
 def _plain(values: FloatArray) -> float | tuple[float, ...]:

@@ -25,7 +25,7 @@ class CameraRotation(Effect):
     """
 
     name: ClassVar[str] = "camera_rotation"
-    title: ClassVar[str] = "camera roll"
+    title: ClassVar[str] = "camera rotation"
     phrase: ClassVar[str] = "the camera is turned against the board"
     in_setup: ClassVar[bool] = True
 

@@ -28,7 +28,7 @@ class Hysteresis(Effect):
 
     name: ClassVar[str] = "hysteresis"
     title: ClassVar[str] = "friction within the DLO"
-    phrase: ClassVar[str] = "the DLO's strands rub on each other where it is bent"
+    phrase: ClassVar[str] = "friction within the DLO, as of its strands, holds back its bending"
     smooth: ClassVar[bool] = False
     batched: ClassVar[bool] = False
 

@@ -47,8 +47,8 @@ class IntrinsicCurvature(Effect):
     kink: float = quantity(0.0, "rad", -3.0, 3.0, "angle of a kink", sides=(TURNED,))
     position: float = quantity(0.0, "m", 0.0, 100.0, "where the kink is, u", role="place")
     across: float | tuple[float, ...] = quantity(
-        0.0, "1/m", -200.0, 200.0, "the same about the second director", array=True,
-        tolerance=0.5, beyond=COILED, spatial=True,
+        0.0, "1/m", -200.0, 200.0, "about the section's other axis: one value or several along u",
+        array=True, tolerance=0.5, beyond=COILED, spatial=True,
     )  # fmt: skip
 
     def shape_body(self, body: Body) -> None:
