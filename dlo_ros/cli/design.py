@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -211,8 +212,8 @@ def _designed(
 def _check(arguments: argparse.Namespace) -> None:
     for name in ("speed", "duration", "noise", "tries"):
         value = getattr(arguments, name)
-        if value is not None and not value > 0:
-            raise InputError(f"--{name} is {getattr(arguments, name)}; it must be above 0")
+        if value is not None and not (value > 0 and math.isfinite(value)):
+            raise InputError(f"--{name} is {value:g}; it must be above 0 and finite")
     if arguments.seed < 0:
         raise InputError(f"--seed is {arguments.seed}; it must not be negative")
     if arguments.estimate is not None and (arguments.apart or arguments.report is not None):

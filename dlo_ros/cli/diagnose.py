@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 
 from dlo_ros.cli.diagnosis_output import summary, write_results
-from dlo_ros.cli.loading import add_model_arguments, load_recordings, load_settings, prepare
+from dlo_ros.cli.loading import add_model_arguments, load_all, load_settings, prepare
 from dlo_ros.cli.loads import borne
 from dlo_ros.cli.progress import progress_bar, steps
 from dlo_ros.cli.results import add_results_folder, check_results_folder, written
@@ -54,8 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
             f"--workers is {arguments.workers}; give a number of simulations at the same time, "
             "1 or more"
         )
-    recordings = load_recordings(arguments, arguments.bags, settings)
-    holdout = load_recordings(arguments, arguments.holdout, settings)
+    recordings, holdout = load_all(arguments, arguments.bags, arguments.holdout, settings)
     prepare()
     with progress_bar() as bar, at_most(arguments.workers or _cores()):
         task = bar.add_task("Diagnosing", total=1.0)

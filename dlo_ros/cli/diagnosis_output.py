@@ -6,6 +6,7 @@ from __future__ import annotations
 import inspect
 import json
 import math
+import shlex
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -170,8 +171,8 @@ def separating(results: Path, output: Path) -> tuple[str, str]:
         results: folder of the results of this diagnosis.
         output: folder for its own results.
     """
-    files = f"--params {results / EXTENDED} --report {results / REPORT}"
-    return f"dlo_ros design {files}", f"--output {output}"
+    words = ("design", "--params", results / EXTENDED, "--report", results / REPORT)
+    return shlex.join(["dlo_ros", *map(str, words)]), shlex.join(["--output", str(output)])
 
 
 def _wrapped(text: str, indent: str) -> list[str]:

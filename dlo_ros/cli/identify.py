@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.cli.identify_results import report, summary, tree
-from dlo_ros.cli.loading import add_model_arguments, load_recordings, load_settings, prepare
+from dlo_ros.cli.loading import add_model_arguments, load_all, load_settings, prepare
 from dlo_ros.cli.progress import progress_bar, steps
 from dlo_ros.cli.results import add_results_folder, check_results_folder, with_std, written
 from dlo_ros.effects import quantities
@@ -95,12 +95,13 @@ def run(arguments: argparse.Namespace) -> int:
     for name in ("sample", "bootstrap"):
         if getattr(arguments, name) < 0:
             raise InputError(f"--{name} is {getattr(arguments, name)}; it must not be negative")
+    if arguments.bootstrap == 1:
+        raise InputError("--bootstrap is 1; a spread takes at least two draws")
     settings = _with_tolerances(settings, arguments)
     if arguments.bootstrap and len(arguments.bags) < 2:
         raise InputError("--bootstrap draws recordings and needs at least two of them")
     with open_pool(arguments.workers, arguments.scheduler) as pool:
-        train = load_recordings(arguments, arguments.bags, settings)
-        validate = load_recordings(arguments, arguments.validate, settings)
+        train, validate = load_all(arguments, arguments.bags, arguments.validate, settings)
         prepare()
         with progress_bar() as bar:
             task = bar.add_task("Identifying", total=1.0)

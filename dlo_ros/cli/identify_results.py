@@ -27,7 +27,7 @@ from dlo_ros.identification.offline.posterior_sampling import Sample
 from dlo_ros.identification.offline.recording_identification import Identification
 from dlo_ros.inference.forecast import Forecast, Manipulation
 from dlo_ros.inference.parameter import split_name
-from dlo_ros.inference.thresholds import SMALL_SHARE
+from dlo_ros.inference.thresholds import CERTAIN, SMALL_SHARE
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.report import (
     EstimateRow as ReportedEstimate,
@@ -44,7 +44,6 @@ from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
 
 ROLES = {"train": "used for the fit", "validate": "not used"}
-NOTABLE_STDS = 2.0  # standard deviations from neutral, from which a number of the set-up is listed
 PLACES = 24  # along the DLO, in the map of residuals
 MODEL_ERROR_RATIO = 2.0  # ERR over the noise floor beyond which the model misses something
 PAIRS = (
@@ -127,14 +126,16 @@ def tree(
         }
     if redrawn is not None:
         ratio = redrawn[:, 0] - redrawn[:, 1]
-        result["bootstrap"] = {
-            "draws": len(redrawn),
-            "specific_modulus": {
+        spread = (
+            {
                 "std": float(np.std(ratio, ddof=1) * estimate.specific_modulus),
                 "low": float(np.exp(np.quantile(ratio, 0.025))),
                 "high": float(np.exp(np.quantile(ratio, 0.975))),
-            },
-        }
+            }
+            if len(ratio) > 1
+            else dict.fromkeys(("std", "low", "high"))
+        )
+        result["bootstrap"] = {"draws": len(redrawn), "specific_modulus": spread}
     return result
 
 
@@ -187,7 +188,7 @@ def _set_up(found: Identification) -> list[str]:
     for name, (value, std) in numbers.items():
         effect, key, index = split_name(name)
         q, count = quantities(effect)[key], counts[effect, key]
-        if abs(value - q.neutral) <= NOTABLE_STDS * std:
+        if abs(value - q.neutral) <= CERTAIN * std:
             continue
         if index is not None and not q.counts:  # one of several along the DLO
             parameter = f"{effect}.{key}"

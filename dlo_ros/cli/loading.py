@@ -70,6 +70,39 @@ def load_settings(arguments: argparse.Namespace, bags: Sequence[Path] = ()) -> S
     return replace(settings, simulation=replace(settings.simulation, start=arguments.start))
 
 
+def load_all(
+    arguments: argparse.Namespace, bags: Sequence[Path], others: Sequence[Path],
+    settings: Settings,
+) -> tuple[list[Manipulation], list[Manipulation]]:  # fmt: skip
+    """Bags to learn from and others, each recording with a name of its own.
+
+    Raises:
+        InputError: one is given twice.
+        RecordingError: see `load_manipulation`.
+    """
+    names = distinct_names([*bags, *others])
+    found, more = (load_recordings(arguments, some, settings) for some in (bags, others))
+    named = [replace(m, name=name) for m, name in zip([*found, *more], names, strict=True)]
+    return named[: len(found)], named[len(found) :]
+
+
+def distinct_names(paths: Sequence[Path]) -> list[str]:
+    """The ends of paths, each as long as it takes to tell it from the others.
+
+    Raises:
+        InputError: one is given twice.
+    """
+    whole = [path.resolve().parts for path in paths]
+    names = []
+    for path, parts in zip(paths, whole, strict=True):
+        if whole.count(parts) > 1:
+            raise InputError(f"{path} is given twice; give each recording once")
+        ends = (k for k in range(1, len(parts) + 1))
+        enough = next(k for k in ends if sum(p[-k:] == parts[-k:] for p in whole) == 1)
+        names.append(str(Path(*parts[-enough:])))
+    return names
+
+
 def load_recordings(
     arguments: argparse.Namespace, bags: Sequence[Path], settings: Settings
 ) -> list[Manipulation]:

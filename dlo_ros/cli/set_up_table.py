@@ -9,12 +9,9 @@ from dlo_ros.cli.diagnosis_words import amount, bare, label, off_by
 from dlo_ros.diagnosis import Diagnosis, SetupNumber
 from dlo_ros.effects import quantities
 from dlo_ros.inference.parameter import split_name
-from dlo_ros.inference.thresholds import BEYOND
+from dlo_ros.inference.thresholds import BEYOND, CERTAIN
 from dlo_ros.report.diagnosis_content import SetupRow
 
-NOTABLE = 3.0
-"""Standard deviations from neutral, from which a number of the set-up is notably off; so is what
-lies far beyond its tolerance as fitted, of which the data determine less."""
 NOT_DETERMINED = "not determined"
 IF_DENSITY = ", at this density"
 """Condition under which a number is known of which the data determine the ratio to the density."""
@@ -25,14 +22,16 @@ GUESSED = "none"
 def setup_lines(found: Diagnosis) -> tuple[SetupRow, ...]:
     """Lines on the numbers of the set-up, the most clearly wrong first.
 
-    Those of an effect that is named stand among the causes.
+    Notably off is what differs from neutral for certain, and what lies far beyond its tolerance as
+    fitted, of which the data determine less. Those of an effect that is named stand among the
+    causes.
     """
     labels = labels_of(found)
     counts = _counts(found)
     named = {e.name for e in found.effects}
     numbers = {k: n for k, n in found.setup.items() if split_name(k)[0] not in named}
     off = {name: _deviations(name, n) for name, n in numbers.items()}
-    notable = {name: off[name] > NOTABLE or is_far_off(name, n) for name, n in numbers.items()}
+    notable = {name: off[name] > CERTAIN or is_far_off(name, n) for name, n in numbers.items()}
     return tuple(
         _row(name, labels[name], numbers[name], counts[name], notable=notable[name])
         for name in sorted(off, key=lambda name: (not notable[name], -off[name]))
@@ -40,7 +39,7 @@ def setup_lines(found: Diagnosis) -> tuple[SetupRow, ...]:
 
 
 def set_up_is_off(found: Diagnosis) -> bool:
-    """Whether a number of the set-up is notably off, see `NOTABLE`."""
+    """Whether a number of the set-up is notably off."""
     return any(row.notable for row in setup_lines(found))
 
 
@@ -88,7 +87,7 @@ def _row(name: str, text: str, n: SetupNumber, count: int, *, notable: bool) -> 
     """
     effect, key, index = split_name(name)
     std = n.std or n.held_std
-    if std is None or (n.tolerance is None and std > NOTABLE * distance_off(name, n)):
+    if std is None or (n.tolerance is None and std > CERTAIN * distance_off(name, n)):
         off = NOT_DETERMINED
     elif not quantities(effect)[key].from_neutral:
         off = amount(n.value, n.std, n.unit)

@@ -127,8 +127,8 @@ def simulate(
         jacobian[:, acting] = slopes
         steep = _boundless(jacobian, model, wanted)
         if steep.any():
-            names = [name for name, there in zip(wanted, steep, strict=True) if there]
-            jacobian[:, steep] = differences(model, recording, names, residual)
+            of_them = [name for name, there in zip(wanted, steep, strict=True) if there]
+            jacobian[:, steep] = differences(model, recording, of_them, residual)
         fields.append((residual, jacobian))
     predicted = tuple(f.predicted for f in forecasts)
     err = tuple(
@@ -175,11 +175,15 @@ def differences(
         for step in (DIFFERENCE, -DIFFERENCE):
             moved = theta.copy()
             moved[k] += step * model.parameters[k].step
+            other = model.at(moved)
+            change = other.theta()[k] - theta[k]
+            if change == 0.0:  # at an end of its range
+                continue
             try:
-                beside = simulate(model.at(moved), [recording], ()).fields[0][0]
+                beside = simulate(other, [recording], ()).fields[0][0]
             except SimulationError:
                 continue
-            return np.asarray((residual - beside) / (moved[k] - theta[k]))
+            return np.asarray((residual - beside) / change)
         return np.zeros_like(residual)
 
     return np.stack(Threads().map(column, names), axis=1)

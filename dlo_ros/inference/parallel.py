@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
 from functools import cache
 from multiprocessing import get_context
 from threading import current_thread
@@ -85,13 +85,21 @@ class Threads(Pool):
     ) -> Iterator[tuple[int, Result]]:
         """See `Pool`."""
         threads = _most.get() or os.cpu_count() or 1
+        share = max(1, threads // max(1, len(items)))
+
+        def begun(pool: ThreadPoolExecutor, item: Item) -> Future[Result]:
+            """Work on an item, with its share of the threads for what it starts itself."""
+            context = copy_context()
+            context.run(_most.set, share)
+            return pool.submit(context.run, work, item)
+
         if min(threads, len(items)) < 2:  # here, where `at_most` holds for what `work` starts
             yield from enumerate(map(work, items))
         elif current_thread().name.startswith(KEPT):  # the others may wait for this one
             with ThreadPoolExecutor(threads) as pool:
-                yield from enumerate(pool.map(work, items))
+                yield from enumerate(f.result() for f in [begun(pool, item) for item in items])
         else:
-            futures = [_kept(threads).submit(work, item) for item in items]
+            futures = [begun(_kept(threads), item) for item in items]
             try:
                 yield from enumerate(future.result() for future in futures)
             finally:

@@ -83,6 +83,8 @@ def test_identify_samples_and_draws_recordings_where_it_is_asked(folder, tmp_pat
     assert [p.name for p in output.iterdir() if p.name.startswith(".")] == []
     assert run(*(("-1" if w == 3 else w) for w in words)) == 2
     assert "--bootstrap is -1; it must not be negative" in capsys.readouterr().err
+    assert run(*(1 if w == 3 else w for w in words)) == 2
+    assert "--bootstrap is 1; a spread takes at least two draws" in capsys.readouterr().err
     assert run(*words[:-1]) == 2
     assert "needs at least two" in capsys.readouterr().err
 

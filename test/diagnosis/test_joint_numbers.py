@@ -10,8 +10,10 @@ from experiment_recordings import moving
 from dlo_ros.diagnosis.explain.candidate_trials import fitted
 from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.certainty import SCALES
+from dlo_ros.diagnosis.findings.diagnosis_outcome import SetupNumber
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.findings.joint_numbers import (
+    _mean_number,
     at_guessed_scale,
     effect_numbers,
     fitted_material,
@@ -239,3 +241,15 @@ def test_how_well_the_scale_is_known_is_told_beside_the_numbers_that_contain_it(
     at = at_guessed_scale(slowed[0])
     spread = outer_stds(at)[at.model.index("density")] / at.model.settings.rod.density
     assert fitted_material(at, None, None).scale_std == pytest.approx(spread, rel=1e-6)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_moment_that_recordings_have_of_their_own_is_told_by_its_mean(known):
+    numbers = [
+        SetupNumber(value, std if known else None, None, "s", None if known else std)
+        for value, std in ((-0.1, 0.02), (0.1, 0.04))
+    ]
+    told = _mean_number(numbers)
+    assert told.value == 0.0
+    std, other = (told.std, told.held_std) if known else (told.held_std, told.std)
+    assert std == pytest.approx(np.sqrt(0.1**2 + 0.01**2 + 0.02**2)) and other is None

@@ -93,6 +93,19 @@ def test_where_derivatives_grow_beyond_what_a_step_could_do_there_are_difference
             assert off < 0.25 * size + steps, name
 
 
+def test_at_an_end_of_its_range_a_difference_is_one_sided(fitted):
+    at, recordings = fitted
+    exact = simulate(at.model, recordings[:1])
+    residual, jacobian = exact.fields[0]
+    k = at.model.index("young_modulus")
+    p, here = at.model.parameters[k], at.model.theta()[k]
+    for upper in (here, here + 0.1 * joint.DIFFERENCE * p.step):
+        bound = at.model.with_prior([replace(p, upper=float(p.outer(upper)))])
+        ((column,),) = [joint.differences(bound, recordings[0], [p.name], residual).swapaxes(0, 1)]
+        off, size = np.linalg.norm(column - jacobian[:, k]), np.linalg.norm(jacobian[:, k])
+        assert off < 0.25 * size + 1e-4 / (joint.DIFFERENCE * p.step)
+
+
 @pytest.mark.parametrize(
     "effect, block, points",
     [

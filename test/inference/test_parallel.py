@@ -56,6 +56,23 @@ def test_at_most_so_many_threads_work_at_the_same_time():
         assert 1 <= len(set(Threads().map(own, range(6)))) <= 2
 
 
+@pytest.mark.parametrize(("threads", "items"), [(2, 3), (4, 2), (1, 3)])
+def test_work_that_starts_more_work_has_its_share_of_the_threads(threads, items):
+    lock, now, most = threading.Lock(), [0], [0]
+
+    def leaf(_):
+        with lock:
+            now[0] += 1
+            most[0] = max(most[0], now[0])
+        time.sleep(0.02)
+        with lock:
+            now[0] -= 1
+
+    with at_most(threads):
+        Threads().map(lambda _: Threads().map(leaf, range(4)), range(items))
+    assert most[0] == threads
+
+
 def test_threads_may_wait_for_threads():
     """All of them at once, each for more of them."""
     with at_most(2):

@@ -9,9 +9,9 @@ from rods import PAPER
 from scipy.optimize import approx_fprime
 from scipy.stats import norm
 
-from dlo_ros.effects import Scene
+from dlo_ros.effects import Scene, Start, effects
 from dlo_ros.inference.parameter import SLAB, Parameter
-from dlo_ros.inference.priors import joint_model, with_tails
+from dlo_ros.inference.priors import cause_priors, joint_model, uncertain, with_tails
 
 SHARE, STD = 0.05, 0.4
 COILED = Parameter("effects.x.y", "1/m", False, -9.0, 9.0, 0.1, STD, tolerated=True, beyond=SHARE)
@@ -50,3 +50,25 @@ def test_a_coil_is_beyond_tolerance_more_often_than_a_clamp():
     assert tails == {"intrinsic_curvature"}
     stated = replace(PAPER, tolerances={"intrinsic_curvature.curvature": 2.0})
     assert not any(p.beyond for p in with_tails(model, stated).parameters)
+
+
+def test_the_prior_of_a_size_of_something_is_as_wide_as_where_it_is_looked_for():
+    """A fit sees its logarithm."""
+    start = Start("obstacle", {"x": 0.1, "z": -0.1, "radius": 0.01}, (), ("x", "z", "radius"))
+    radius = {p.key: p for p in cause_priors(PAPER, start)[0]}["radius"]
+    (q,) = (q for q in effects()["obstacle"].quantities() if q.name == "radius")
+    ends = np.log(q.search_for(PAPER.scale))
+    assert radius.centre == pytest.approx(ends.mean())
+    assert radius.std == pytest.approx(np.ptp(ends) / np.sqrt(12.0))
+    assert max(radius.surprise(x) for x in ends) < 2.0
+
+
+def test_a_stated_std_of_a_time_is_relative_where_a_fit_sees_its_logarithm():
+    block = {"length": 0.01, "onset": 0.5, "duration": 0.2}
+    given = replace(PAPER, tolerances={"clamp_slip.duration": 0.05})
+    start = Start("clamp_slip", block, (), ("duration",))
+    ((duration,), _) = cause_priors(given, start)
+    neutral = next(q for q in effects()["clamp_slip"].quantities() if q.name == "duration").neutral
+    assert duration.std == pytest.approx(SLAB * 0.05 / neutral)
+    (known,) = uncertain(given.with_effects({"clamp_slip": block}))
+    assert known.std == pytest.approx(0.05 / 0.2)

@@ -68,12 +68,18 @@ def effect_numbers(
             n: value_of(at.model.settings, n) for n in spread if OWN in n and number_of(n) in names
         }
         if own:
-            differ = float(np.std(list(own.values())))
-            std = math.hypot(differ, *(float(spread[n]) / len(own) for n in own))
+            std = _of_mean(list(own.values()), [float(spread[n]) for n in own])
         by_recording = {n.partition(OWN)[2]: x for n, x in own.items()}
         std = _no_less(std, effect, key, value, given.rod)
         result[key] = Number(value, std, quantities(effect)[key].unit, by_recording)
     return result
+
+
+def _of_mean(values: Sequence[float], stds: Sequence[float]) -> float:
+    """Standard deviation of the mean of numbers that recordings have of their own, which contains
+    how much they differ.
+    """
+    return math.hypot(float(np.std(values)), *(s / len(stds) for s in stds))
 
 
 def _no_less(
@@ -285,7 +291,8 @@ def set_up_numbers(
     """Numbers that were fitted and are no cause, by effect and key.
 
     These are those of the set-up; the dampings, as what their effects would add to those of the
-    parameter file; and those of effects which the model contains without their being certain.
+    parameter file; and those of effects which the model contains without their being certain. Of a
+    moment that each recording has of its own it is the mean.
 
     Args:
         doubts: see `effect_numbers`.
@@ -298,7 +305,8 @@ def set_up_numbers(
     doubt = np.sqrt(np.diag(_covariance_of(doubts, at)))
     held = np.hypot(np.sqrt(np.maximum(spread**2 - held**2, 0.0)), doubt)
     spread = np.hypot(spread, doubt)
-    result = {}
+    result: dict[str, SetupNumber] = {}
+    own: dict[str, list[SetupNumber]] = {}
     for p, x, s, h in zip(at.model.parameters, at.model.theta(), spread, held, strict=True):
         if p.name in named or p.name in ("young_modulus", "density"):
             continue
@@ -321,7 +329,19 @@ def set_up_numbers(
         result[name] = SetupNumber(
             value, std, _tolerance(p, given), p.unit, held_std if std is None else None
         )
-    return result
+        if OWN in p.name:
+            own.setdefault(name, []).append(result[name])
+    return result | {name: _mean_number(numbers) for name, numbers in own.items()}
+
+
+def _mean_number(numbers: Sequence[SetupNumber]) -> SetupNumber:
+    """The mean of a number that recordings have of their own."""
+    values = [n.value for n in numbers]
+    std, held = (
+        None if None in stds else _of_mean(values, [s for s in stds if s is not None])
+        for stds in ([n.std for n in numbers], [n.held_std for n in numbers])
+    )
+    return replace(numbers[0], value=float(np.mean(values)), std=std, held_std=held)
 
 
 def _tolerance(p: Parameter, given: Settings) -> float | None:

@@ -263,7 +263,8 @@ def _finer(recordings: Sequence[Recording], at: Simulated) -> tuple[tuple[Record
         allowed = IN_TIME * fineness * float(np.linalg.norm(recording.noise))
         recording, error = _coarsest(steps, at.model, allowed, TIME_FACTOR)
         result.append(recording)
-        errors.append(np.hypot(own * length, error))
+        whole = np.hypot(own * length, error)
+        errors.append(whole if np.isfinite(whole) else np.nan)
     return tuple(result), float(np.nanmax(errors)) if np.isfinite(errors).any() else np.nan
 
 

@@ -191,7 +191,7 @@ def bootstrap(
     tasks = [(plain, [recordings[i] for i in draws[k]]) for k in missing]
     fits = (pool or Threads()).map(_refitted, tasks, lambda i, theta: done(missing[i], theta))
     results = {**known, **{k: t for k, t in zip(missing, fits, strict=True) if t is not None}}
-    return np.array([results[k] for k in sorted(results)])
+    return np.array([results[k] for k in sorted(results)]).reshape(-1, len(MATERIAL))
 
 
 def _refitted(task: tuple[ParametricModel, list[Recording]]) -> FloatArray | None:
