@@ -56,6 +56,7 @@ def test_what_is_foretold_is_foretold_by_the_model_that_was_named(monkeypatch, c
         return other
 
     monkeypatch.setattr(joint_learning, "refitted", refitted)
+    monkeypatch.setattr(joint_learning, "nearest", lambda at, _: at)
     monkeypatch.setattr(joint_learning, "errors_of", lambda *_: "errors")
     before = Learned(unnamed, {}, (), Errors(), at, parts)
     found = with_names(before, ())

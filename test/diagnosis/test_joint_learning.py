@@ -6,7 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cause_fits import evaluation, model_of
 from experiment_recordings import moving
+from rods import PAPER
 
 from dlo_ros.diagnosis.findings import joint_learning
 from dlo_ros.diagnosis.findings.joint_learning import refitted, training_set
@@ -14,7 +16,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.identification.residual_noise import rms, whitened
 from dlo_ros.inference.joint import simulate
-from dlo_ros.inference.thresholds import IMMATERIAL
+from dlo_ros.inference.thresholds import IMMATERIAL, OWN
 
 
 @pytest.mark.parametrize(
@@ -62,3 +64,21 @@ def test_drafts_are_reliable_for_the_fitted_set_up():
         for at, recording in ((setup, draft), (simulate(setup.model, [exact], ()), exact))
     )
     assert rms([here - there]) < IMMATERIAL
+
+
+@pytest.mark.parametrize(
+    ("err", "near", "moved"),
+    [
+        (0.9e-3, 0.5e-3, False),  # nothing that matters is left
+        (1.4e-3, 0.8e-3, False),  # nor where it comes as near as it can
+        (9.0e-3, 7.0e-3, True),
+        (9.0e-3, 9.0e-3, True),
+    ],
+)
+def test_what_is_not_explained_is_foretold_by_what_lies_nearest(monkeypatch, err, near, moved):
+    """A noodle that creeps was foretold to 7.0 mm for 8.0, a cable to 7.3 for 7.9."""
+    at, there = evaluation(0.0, err), evaluation(-90.0, near)
+    at.model = there.model = model_of(PAPER)
+    monkeypatch.setattr(joint_learning, "own_err", lambda *_: 1e-3 / OWN)
+    monkeypatch.setattr(joint_learning, "approached", lambda *_: there)
+    assert joint_learning.nearest(at, ()) is (there if moved else at)

@@ -66,7 +66,8 @@ def test_the_advice_tells_it_where_nothing_explains_all():
     changed = RestChange(("before", "after"), 12.3e-3, 0.4e-3)
     said = joint_outcome._advice("unexplained", found, changed)
     assert said.startswith(
-        "Held alike, to 0.40 mm of its shape, the DLO rests 12.30 mm apart in before and in after:"
+        "In before and in after the DLO is once held alike, so that its shapes should agree to "
+        "0.4 mm, and yet it rests 12 mm apart:"
     )
     assert joint_outcome.REPEAT not in said
     assert joint_outcome._advice("unexplained", found) == joint_outcome.REPEAT

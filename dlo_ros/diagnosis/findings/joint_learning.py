@@ -17,6 +17,7 @@ from dlo_ros.diagnosis.explain.joint_explanation import (
     explain_again,
     prepare,
 )
+from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.explain.own_moments import for_recordings
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.proposals.time_steps import (
@@ -35,7 +36,7 @@ from dlo_ros.inference.joint import (
     rejudged,
     simulate,
 )
-from dlo_ros.inference.joint_fit import ITERATIONS, fit
+from dlo_ros.inference.joint_fit import ITERATIONS, approached, fit
 from dlo_ros.inference.losses import TO_REPORT
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
@@ -212,7 +213,7 @@ def _predicting(learned: Learned, recordings: Sequence[Recording]) -> Learned:
     Args:
         recordings: all of the beginning's.
     """
-    predicting = refitted(learned.explanation.at, learned.parts)
+    predicting = nearest(refitted(learned.explanation.at, learned.parts), learned.parts)
     err = errors_of(predicting.model, recordings, learned.masks)
     return replace(learned, err=err, predicting=predicting)
 
@@ -277,6 +278,19 @@ def refitted(
     except SimulationError:
         return at
     return best if best.mean_err < CLEARLY_LESS * found.mean_err else found
+
+
+def nearest(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
+    """A fit as near to the shapes as it can come, where even so it leaves something that matters.
+
+    There its likelihood is that of a wrong model: it follows what is rapid at the cost of errors
+    that stay, and what it foretells is off by as much.
+    """
+    matters = material_err(own_err(at, recordings), at.model.settings)
+    if at.mean_err < matters:
+        return at
+    near = approached(at, recordings)
+    return at if near.mean_err < matters else near
 
 
 def _over(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:

@@ -28,6 +28,7 @@ from dlo_ros.diagnosis.findings.joint_learning import (
     Errors,
     Learned,
     errors_of,
+    nearest,
     refitted,
 )
 from dlo_ros.diagnosis.findings.joint_numbers import (
@@ -206,6 +207,7 @@ def _final(
     found = replace(found, shifts={**found.shifts, **shifts_by_fixed_errors(at, compared)})
     covariance = reported_covariance(at, wider.parameters, found.doubts)
     found = still_certain(found, at, covariance)
+    at = nearest(at, fitted_to)
     try:
         shown = simulate(replace(at.model, parameters=()), recordings)
         return _Final(learned, found, at, wider, shown)
