@@ -8,6 +8,7 @@ import pytest
 from rods import PAPER
 
 from dlo_ros.diagnosis.explain import candidate_trials, trial_beginnings
+from dlo_ros.diagnosis.explain import trials as trials_module
 from dlo_ros.diagnosis.proposals.linear_evidence import PredictedGain, proposal_of, with_proposals
 from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
@@ -79,7 +80,7 @@ def best_of(
 
     monkeypatch.setattr(joint_fit, "approached", approached)
     monkeypatch.setattr(candidate_trials, "has_common_moments", lambda p: "sudden" in p.label)
-    monkeypatch.setattr(candidate_trials, "own_err", lambda *_: own)
+    monkeypatch.setattr(trials_module, "own_err", lambda *_: own)
     monkeypatch.setattr(candidate_trials, "beginning", beginning)
     monkeypatch.setattr(candidate_trials, "fitted", short)
     monkeypatch.setattr(candidate_trials, "fit", long)
@@ -309,6 +310,6 @@ def test_a_cause_found_from_afar_competes_by_how_near_it_can_come(
         for gain, err, name in zip(gains, errs, ("first", "trial"), strict=True)
     ]
     reached = {id(t[0]): near for t, near in zip(trials, nearest, strict=True) if t is not None}
-    monkeypatch.setattr(candidate_trials, "nearest_err", lambda at, _: reached[id(at)])
-    found = candidate_trials.best_with(*trials, evaluation(0.0, 9e-3), ())
+    monkeypatch.setattr(trials_module, "nearest_err", lambda at, _: reached[id(at)])
+    found = trials_module.best_with(*trials, evaluation(0.0, 9e-3), ())
     assert (found and found[1]) == taken

@@ -8,10 +8,10 @@ import pytest
 from experiment_recordings import fitted_set_up
 
 from dlo_ros.diagnosis.explain import (
-    candidate_trials,
     cause_search,
     far_starts,
     joint_explanation,
+    trials,
 )
 from dlo_ros.diagnosis.explain.trial_beginnings import beginning
 from dlo_ros.diagnosis.proposals.linear_evidence import (
@@ -53,7 +53,7 @@ def without_simulations(monkeypatch, own_err):
     for module in (cause_search, far_starts):
         monkeypatch.setattr(module, "begun_instead", lambda *_: [])
     monkeypatch.setattr(cause_search, "linear_loss", lambda *_: 1e3)
-    for module in (cause_search, candidate_trials):
+    for module in (cause_search, trials):
         monkeypatch.setattr(module, "own_err", lambda *_: own_err)
     monkeypatch.setattr(joint_fit, "approached", lambda at, *_: at)
     monkeypatch.setattr(cause_search, "_strained", lambda *_: [])

@@ -10,7 +10,6 @@ from experiment_recordings import moving
 from rods import PAPER
 
 from dlo_ros.diagnosis.explain import certainty
-from dlo_ros.diagnosis.explain.candidate_trials import fitted as fitted_model
 from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.certainty import (
     SCALES,
@@ -20,6 +19,7 @@ from dlo_ros.diagnosis.explain.certainty import (
     tolerances_off,
 )
 from dlo_ros.diagnosis.explain.explanation import Explanation, still_certain
+from dlo_ros.diagnosis.explain.trials import fitted as fitted_model
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.proposals.linear_evidence import freed, proposal_of, with_proposals
 from dlo_ros.effects import Start, starts

@@ -8,7 +8,7 @@ import pytest
 from rods import PAPER
 
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
-from dlo_ros.diagnosis.explain import candidate_trials, contact_trials
+from dlo_ros.diagnosis.explain import contact_trials, trials
 from dlo_ros.diagnosis.explain.cause_naming import Cause, beside_contact
 from dlo_ros.effects import Start
 from dlo_ros.effects.physics.wall import StraightWall
@@ -23,7 +23,7 @@ def evaluation(evidence, err):
 
 def test_the_peg_that_explains_most_is_where_the_search_begins(monkeypatch):
     """Unless predictions can come no nearer, or it gains too little."""
-    monkeypatch.setattr(candidate_trials, "own_err", lambda *_: 0.0)
+    monkeypatch.setattr(trials, "own_err", lambda *_: 0.0)
     monkeypatch.setattr(joint_fit, "approached", lambda at, _: at)
     peg = {"x": 0.1, "z": -0.1, "radius": 0.01}
     before = ParametricModel(PAPER, material_priors(PAPER))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from experiment_recordings import moving, true_modulus
 
-from dlo_ros.diagnosis.explain.candidate_trials import begun_instead
 from dlo_ros.diagnosis.explain.left_out import without
+from dlo_ros.diagnosis.explain.trials import begun_instead
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.effects import PlainRod, effects, starts
 from dlo_ros.identification.offline.initial_fit import begin

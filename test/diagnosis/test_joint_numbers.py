@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from experiment_recordings import moving
 
-from dlo_ros.diagnosis.explain.candidate_trials import fitted
 from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.certainty import SCALES
+from dlo_ros.diagnosis.explain.trials import fitted
 from dlo_ros.diagnosis.findings.diagnosis_outcome import SetupNumber
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.findings.joint_numbers import (

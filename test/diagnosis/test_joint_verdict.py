@@ -13,7 +13,7 @@ from dlo_ros.diagnosis.explain import measurement_error
 from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.explanation import Explanation
 from dlo_ros.diagnosis.explain.measurement_error import _staying
-from dlo_ros.diagnosis.findings import joint_outcome
+from dlo_ros.diagnosis.findings import joint_outcome, next_recording
 from dlo_ros.diagnosis.findings.holdout import held_out_recording, refitted
 from dlo_ros.diagnosis.findings.joint_learning import (
     Errors,
@@ -244,11 +244,11 @@ def test_a_damping_that_keeps_its_guess_asks_for_a_swing():
         causes=(), at=SimpleNamespace(model=model),
         shifts={"internal_damping": {}, "air_drag": {}, "creep": {}},
     )  # fmt: skip
-    asked = joint_outcome._advice("unexplained", found)
-    assert "guesses (damping.relaxation_time)." in asked and asked.endswith(joint_outcome.REPEAT)
-    assert joint_outcome._advice("explained", found) == joint_outcome.SETTLED
+    asked = next_recording.advice("unexplained", found)
+    assert "guesses (damping.relaxation_time)." in asked and asked.endswith(next_recording.REPEAT)
+    assert next_recording.advice("explained", found) == next_recording.SETTLED
     found.shifts = {}
-    assert joint_outcome._advice("unexplained", found) == joint_outcome.REPEAT
+    assert next_recording.advice("unexplained", found) == next_recording.REPEAT
 
 
 def fitted_to(*errs):

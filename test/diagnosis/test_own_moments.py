@@ -6,7 +6,7 @@ import pytest
 import yaml
 from experiment_recordings import recorded
 
-from dlo_ros.diagnosis.explain import candidate_trials
+from dlo_ros.diagnosis.explain import candidate_trials, trials
 from dlo_ros.diagnosis.explain.own_moments import (
     for_recordings,
     has_common_moments,
@@ -139,7 +139,7 @@ def test_the_moments_are_found(slipping, at_one_moment):
     begun = nearest_moments(with_own_moments(model, recordings), recordings, STARTS)
     for name, onset in (("early", 0.3), ("late", 0.7)):
         assert value_of(begun.settings, f"{ONSET}@{name}") == onset
-    at = candidate_trials.fitted(model, recordings)
+    at = trials.fitted(model, recordings)
     offers = [(at, [PredictedGain(proposal_of(given, s), 1.0, model, model) for s in STARTS])]
     found, own = candidate_trials._at_own_moments((at, cause), offers, recordings)
     assert not has_common_moments(own)
@@ -162,5 +162,5 @@ def test_one_moment_stays_where_others_explain_no_more(slipping, at_one_moment):
     theta = model.theta()
     theta[model.index(ONSET)] = ONSETS["early"]
     for chosen in (alike, alike[:1]):
-        trial = candidate_trials.fitted(model.at(theta), chosen), cause
+        trial = trials.fitted(model.at(theta), chosen), cause
         assert candidate_trials._at_own_moments(trial, [], chosen) is trial

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from experiment_recordings import recorded
 
-from dlo_ros.diagnosis.findings import joint_outcome
+from dlo_ros.diagnosis.findings import next_recording
 from dlo_ros.diagnosis.findings.rest_change import RestChange, rest_change
 from dlo_ros.inference.joint import simulate
 from dlo_ros.inference.measured import measured
@@ -64,10 +64,10 @@ def test_a_rope_that_moves_at_once_tells_nothing():
 def test_the_advice_tells_it_where_nothing_explains_all():
     found = SimpleNamespace(causes=(), shifts={}, at=None)
     changed = RestChange(("before", "after"), 12.3e-3, 0.4e-3)
-    said = joint_outcome._advice("unexplained", found, changed)
+    said = next_recording.advice("unexplained", found, changed)
     assert said.startswith(
         "In before and in after the DLO is once held alike, so that its shapes should agree to "
         "0.4 mm, and yet it rests 12 mm apart:"
     )
-    assert joint_outcome.REPEAT not in said
-    assert joint_outcome._advice("unexplained", found) == joint_outcome.REPEAT
+    assert next_recording.REPEAT not in said
+    assert next_recording.advice("unexplained", found) == next_recording.REPEAT

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dlo_ros.diagnosis.explain import candidate_trials, second_beginning
+from dlo_ros.diagnosis.explain import second_beginning, trials
 from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.second_beginning import best_of_beginnings
 
@@ -52,8 +52,8 @@ def test_a_search_with_another_first_cause_must_certainly_explain_more_and_come_
         second_beginning, "tells_apart",
         lambda a, b: a.posterior.evidence > 20.0 + b.posterior.evidence,
     )  # fmt: skip
-    monkeypatch.setattr(candidate_trials, "own_err", lambda *_: 0.1e-3)
-    monkeypatch.setattr(candidate_trials, "nearest_err", lambda at, _: at.mean_err)
+    monkeypatch.setattr(trials, "own_err", lambda *_: 0.1e-3)
+    monkeypatch.setattr(trials, "nearest_err", lambda at, _: at.mean_err)
     result = best_of_beginnings(found(100.0, (begun, PLUG)), SETUP, "neutral", (), (), 1e-4)
     went_on = of_two > 72.0
     assert asked[:1] == [(begun, "neutral", (PLUG,))]

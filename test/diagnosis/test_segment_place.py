@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 from experiment_recordings import moving
 
-from dlo_ros.diagnosis.explain.candidate_trials import fitted
 from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.segment_place import CENTRE, with_segment_elsewhere
+from dlo_ros.diagnosis.explain.trials import fitted
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of, with_proposals
 from dlo_ros.effects import Start, starts

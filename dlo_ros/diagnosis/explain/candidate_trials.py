@@ -10,7 +10,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.measurement_error import own_err
 from dlo_ros.diagnosis.explain.own_moments import (
     has_common_moments,
     nearest_moments,
@@ -19,26 +18,25 @@ from dlo_ros.diagnosis.explain.own_moments import (
     with_own_moments,
 )
 from dlo_ros.diagnosis.explain.trial_beginnings import Beginning, beginning
+from dlo_ros.diagnosis.explain.trials import (
+    FIRST_ITERATIONS,
+    FIT_ITERATIONS,
+    Trial,
+    comes_nearer,
+    fitted,
+    gain_of,
+    gains,
+)
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     PredictedGain,
-    Proposal,
-    is_present,
-    proposal_of,
 )
-from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, evaluate
-from dlo_ros.inference.joint_fit import fit, nearest_err
-from dlo_ros.inference.losses import WHITE
+from dlo_ros.inference.joint import Evaluation
+from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.model_comparison import log_bayes_factor
-from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.plain_rod import instead_of_plain
 from dlo_ros.inference.thresholds import (
     CLEARLY_LESS,
-    LOWERS,
     MUCH_LARGER,
-    OWN,
     PROMISING,
     SAME_GAIN,
     SMALL_SHARE,
@@ -48,16 +46,11 @@ from dlo_ros.inference.thresholds import (
 LOG = logging.getLogger(__name__)
 
 Row = TypeVar("Row")
-Trial = tuple[Evaluation, Proposal]
-"""A model fitted with a proposal, and the proposal."""
-
 CHECKED = 10
 """Proposals that are simulated in a step at most, those with the largest predicted gain."""
 TRIALS = 3
 """Effects of which proposals are fitted: those that come nearest, and that of the largest predicted
 gain; of each the start that comes nearest, and that of the largest predicted gain."""
-FIRST_ITERATIONS, FIT_ITERATIONS = 4, 12
-"""Iterations of each proposal, and of the best of them."""
 
 
 @dataclass(frozen=True)
@@ -110,9 +103,9 @@ def best_trials(
         else:
             trials.append(_at_own_moments((found, c.predicted.proposal), offers, recordings))
     # A fit that has only begun tells its gain no better than that.
-    enough = CLEARLY_LESS * max((_gain(trial, at) for trial in trials), default=0.0)
-    likely = [_continued(t, at, recordings) for t in trials if _gain(t, at) >= enough]
-    others = [t for t in trials if _gain(t, at) < enough]
+    enough = CLEARLY_LESS * max((gain_of(trial, at) for trial in trials), default=0.0)
+    likely = [_continued(t, at, recordings) for t in trials if gain_of(t, at) >= enough]
+    others = [t for t in trials if gain_of(t, at) < enough]
     best: list[Trial] = []
     for k, trial in enumerate([*_best_first(likely, at), *_best_first(others, at)]):
         outcome = "fitted, but another gains more"
@@ -130,7 +123,7 @@ def best_trials(
             else:
                 outcome = "added"
                 best.append(trial)
-        gain = _gain(trial, at)
+        gain = gain_of(trial, at)
         trace.append(Step(number, trial[1].label, gain, trial[0].mean_err, outcome))
     return best, trace
 
@@ -216,11 +209,6 @@ def _likeliest(checked: Sequence[Beginning], nearest: Beginning) -> Beginning:
     return max(alike, key=lambda c: c.gain)
 
 
-def _gain(trial: Trial, at: Evaluation) -> float:
-    """Gain in log evidence of a trial over a model without it."""
-    return log_bayes_factor(trial[0], at)
-
-
 def _continued(trial: Trial, at: Evaluation, recordings: Sequence[Recording]) -> Trial:
     """A trial whose fit goes on; where it leaves the shapes by that, it stays where it was.
 
@@ -257,7 +245,7 @@ def _at_own_moments(
     if found is None:
         return trial
     own = found, of_model(cause, model)
-    LOG.info("%s at moments of their own: %+.1f", cause.label, _gain(own, at))
+    LOG.info("%s at moments of their own: %+.1f", cause.label, gain_of(own, at))
     # A fit that has gone on gains by that, too.
     better = gains(own, at) and gains(own, fit(at, recordings, 2 * FIRST_ITERATIONS, draft=True))
     return own if better else trial
@@ -298,98 +286,12 @@ def _best_first(trials: Sequence[Trial], at: Evaluation) -> list[Trial]:
     Where evidence tells nothing, first what is off in every set-up: a board is oftener tilted than
     pulled at.
     """
-    most = max((_gain(trial, at) for trial in trials), default=0.0)
+    most = max((gain_of(trial, at) for trial in trials), default=0.0)
     least = (1.0 - SAME_GAIN) * most
 
     def order(trial: Trial) -> tuple[bool, bool, float, float]:
-        gain, of_set_up = _gain(trial, at), trial[1].start is None
+        gain, of_set_up = gain_of(trial, at), trial[1].start is None
         likelier = of_set_up and gain > most - WORTH
         return not likelier, gain < least, trial[0].mean_err if gain >= least else 0.0, -gain
 
     return sorted(trials, key=order)
-
-
-def begun_instead(
-    at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start]
-) -> list[Trial]:
-    """Fits of effects that the plain rod of a model may stand for, begun in its place.
-
-    Args:
-        begun: effects that might be added.
-    """
-    found: list[Trial] = []
-    absent = [s for s in begun if not is_present(at.model, s)]
-    for start, model in instead_of_plain(at.model, absent):
-        trial = fitted(model, recordings, FIRST_ITERATIONS, draft=True)
-        if trial is not None:
-            found.append((trial, proposal_of(at.model.settings, start)))
-            LOG.info("%s, instead of a plain DLO: %+.1f", start.effect, _gain(found[-1], at))
-    return found
-
-
-def gains(trial: Trial, at: Evaluation) -> bool:
-    """Whether a trial is worth its cause, over a model without it."""
-    return _gain(trial, at) >= WORTH
-
-
-def best_gain(
-    trials: Sequence[Trial], at: Evaluation, recordings: Sequence[Recording]
-) -> Trial | None:
-    """The trial that explains most, nearer to the shapes than a model; None where none gains."""
-    gaining = [trial for trial in trials if gains(trial, at)]
-    worth = sorted(gaining, key=lambda trial: -_gain(trial, at))
-    return next((trial for trial in worth if comes_nearer(trial[0], at, recordings)), None)
-
-
-def best_with(
-    first: Trial, found: Trial | None, at: Evaluation, recordings: Sequence[Recording]
-) -> Trial | None:
-    """The better one of a fit that begins far away and of a trial; None where none gains.
-
-    While other causes are missing, evidence tells them apart no better than `CLEARLY_LESS`. Of two
-    that gain alike the one that comes clearly nearer to the shapes is taken, and where none does,
-    the one that gains more. Fits drift from the shapes as far as errors that stay are cheap: what
-    counts is how near they can come.
-
-    Args:
-        first: the fit with a cause that derivatives do not tell of.
-        found: the best trial, if there is one.
-    """
-    trials = [first] if found is None else [first, found]
-    worth = [trial for trial in trials if gains(trial, at)]
-    gain = [_gain(trial, at) for trial in worth]
-    if len(worth) > 1 and min(gain) >= CLEARLY_LESS * max(gain):
-        errs = [nearest_err(trial[0], recordings) for trial in worth]
-        worth = [t for t, e in zip(worth, errs, strict=True) if (1.0 - LOWERS) * e < min(errs)]
-    return best_gain(worth, at, recordings)
-
-
-def comes_nearer(found: Evaluation, at: Evaluation, recordings: Sequence[Recording]) -> bool:
-    """Whether a fit lies nearer to the shapes than another one, or can come nearer.
-
-    One that leaves nothing but the measurement's own error may lie farther from the shapes: errors
-    of a camera that stay are no part of what a model is to explain.
-    """
-    if found.mean_err <= at.mean_err or found.mean_err <= OWN * own_err(found, recordings):
-        return True
-    return nearest_err(found, recordings) <= nearest_err(at, recordings)
-
-
-def fitted(
-    model: ParametricModel, recordings: Sequence[Recording], iterations: int = FIT_ITERATIONS, *,
-    far: bool = False, draft: bool = False,
-) -> Evaluation | None:  # fmt: skip
-    """The model fitted; None where it cannot be simulated.
-
-    Args:
-        far: whether all that is left counts as white noise at first, see `joint_fit.fit`.
-        draft: see `joint_fit.fit`.
-    """
-    try:
-        begin = evaluate(model, recordings)
-        if far:
-            begin = fit(begin, recordings, iterations, loss=WHITE, draft=True)
-        return fit(begin, recordings, iterations, draft=draft)
-    except SimulationError as err:
-        LOG.info("not fitted: %s", err)
-        return None

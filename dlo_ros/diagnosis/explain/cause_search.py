@@ -14,13 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import (
-    Step,
-    Trial,
-    begun_instead,
-    best_trials,
-    best_with,
-)
+from dlo_ros.diagnosis.explain.candidate_trials import Step, best_trials
 from dlo_ros.diagnosis.explain.certainty import far_off, tolerances_off
 from dlo_ros.diagnosis.explain.far_starts import (
     best_far_start,
@@ -30,6 +24,7 @@ from dlo_ros.diagnosis.explain.far_starts import (
 from dlo_ros.diagnosis.explain.left_out import beside_neutral, linear_loss, without
 from dlo_ros.diagnosis.explain.measurement_error import own_err
 from dlo_ros.diagnosis.explain.offered_effects import Offer, offered, ranked_proposals
+from dlo_ros.diagnosis.explain.trials import Trial, begun_instead, best_with
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     PredictedGain,
     Proposal,

@@ -17,10 +17,10 @@ from dlo_ros.diagnosis.contact.contact_search import (
     ContactBesideSetUp,
     contacts_beside_set_up,
 )
-from dlo_ros.diagnosis.explain.candidate_trials import comes_nearer
 from dlo_ros.diagnosis.explain.cause_search import Search, leaves_something, search, takes_little
 from dlo_ros.diagnosis.explain.contact_trials import Contact, best_contact
 from dlo_ros.diagnosis.explain.left_out import without
+from dlo_ros.diagnosis.explain.trials import comes_nearer
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects import Start
 from dlo_ros.inference.joint import Evaluation

@@ -7,13 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
-from dlo_ros.diagnosis.explain.candidate_trials import (
-    FIRST_ITERATIONS,
-    Trial,
-    best_gain,
-    fitted,
-    gains,
-)
+from dlo_ros.diagnosis.explain.trials import FIRST_ITERATIONS, Trial, best_gain, fitted, gains
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_proposals
 from dlo_ros.effects import Start
 from dlo_ros.effects.physics.wall import StraightWall

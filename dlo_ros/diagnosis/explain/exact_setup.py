@@ -14,9 +14,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import Trial, best_trials
+from dlo_ros.diagnosis.explain.candidate_trials import best_trials
 from dlo_ros.diagnosis.explain.cause_search import Search, search
 from dlo_ros.diagnosis.explain.offered_effects import offered, ranked_proposals
+from dlo_ros.diagnosis.explain.trials import Trial
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects import Start, effects
 from dlo_ros.effects.base import MEASUREMENT

@@ -11,8 +11,8 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from dlo_ros.diagnosis.explain.candidate_trials import Trial, begun_instead, best_gain
 from dlo_ros.diagnosis.explain.certainty import has_other_stiffness
+from dlo_ros.diagnosis.explain.trials import Trial, begun_instead, best_gain
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     Proposal,
     is_present,

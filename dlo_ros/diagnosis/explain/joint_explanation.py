@@ -10,12 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.contact.contact_search import ContactBesideSetUp
-from dlo_ros.diagnosis.explain.candidate_trials import (
-    FIT_ITERATIONS,
-    Trial,
-    fitted,
-    gains,
-)
 from dlo_ros.diagnosis.explain.cause_naming import (
     Cause,
     beside_contact,
@@ -37,6 +31,7 @@ from dlo_ros.diagnosis.explain.peg_instead import with_peg_or_wall
 from dlo_ros.diagnosis.explain.peg_size import best_sized
 from dlo_ros.diagnosis.explain.second_beginning import best_of_beginnings
 from dlo_ros.diagnosis.explain.segment_place import with_segment_elsewhere
+from dlo_ros.diagnosis.explain.trials import FIT_ITERATIONS, Trial, fitted, gains
 from dlo_ros.diagnosis.explain.turned_walls import with_turned_wall
 from dlo_ros.effects import Scene, Start, effects, starts
 from dlo_ros.effects.base import ROD

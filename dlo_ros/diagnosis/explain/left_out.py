@@ -7,7 +7,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
-from dlo_ros.diagnosis.explain.candidate_trials import FIT_ITERATIONS, fitted
+from dlo_ros.diagnosis.explain.trials import FIT_ITERATIONS, fitted
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, borrowed, linear_posterior, rejudged

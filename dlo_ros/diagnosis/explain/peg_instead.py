@@ -14,9 +14,9 @@ from dataclasses import replace
 from dlo_ros.diagnosis.contact.contact_search import RADII
 from dlo_ros.diagnosis.contact.peg_places import TouchedPeg
 from dlo_ros.diagnosis.contact.wall_places import normal
-from dlo_ros.diagnosis.explain.candidate_trials import FIT_ITERATIONS, Trial, gains
 from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.contact_trials import Contact, begun_in_place
+from dlo_ros.diagnosis.explain.trials import FIT_ITERATIONS, Trial, gains
 from dlo_ros.diagnosis.explain.turned_walls import WALL, touched
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects import Start

@@ -15,8 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from dlo_ros.diagnosis.contact.peg_places import true_points
-from dlo_ros.diagnosis.explain.candidate_trials import FIT_ITERATIONS
 from dlo_ros.diagnosis.explain.profile_loss import fitted_beside, refitted_loss
+from dlo_ros.diagnosis.explain.trials import FIT_ITERATIONS
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import fit

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import FIT_ITERATIONS
+from dlo_ros.diagnosis.explain.trials import FIT_ITERATIONS
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, borrowed
 from dlo_ros.inference.joint_fit import fit

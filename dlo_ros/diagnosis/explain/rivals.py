@@ -8,16 +8,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from dlo_ros.diagnosis.explain.candidate_trials import (
-    FIRST_ITERATIONS,
-    FIT_ITERATIONS,
-    Trial,
-    fitted,
-)
 from dlo_ros.diagnosis.explain.certainty import strained
 from dlo_ros.diagnosis.explain.far_starts import in_its_place
 from dlo_ros.diagnosis.explain.left_out import linear_loss, without
 from dlo_ros.diagnosis.explain.offered_effects import Offer, ranked_proposals
+from dlo_ros.diagnosis.explain.trials import FIRST_ITERATIONS, FIT_ITERATIONS, Trial, fitted
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects import Start, effects
 from dlo_ros.effects.equivalence import Equivalence

@@ -12,8 +12,8 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
-from dlo_ros.diagnosis.explain.candidate_trials import FIT_ITERATIONS, comes_nearer
 from dlo_ros.diagnosis.explain.cause_search import Search, leaves_something, search
+from dlo_ros.diagnosis.explain.trials import FIT_ITERATIONS, comes_nearer
 from dlo_ros.effects import Start
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import fit

@@ -11,15 +11,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
-from dlo_ros.diagnosis.explain.candidate_trials import (
-    FIRST_ITERATIONS,
-    FIT_ITERATIONS,
-    best_gain,
-    fitted,
-)
 from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.left_out import without
 from dlo_ros.diagnosis.explain.offered_effects import offered, ranked_proposals
+from dlo_ros.diagnosis.explain.trials import FIRST_ITERATIONS, FIT_ITERATIONS, best_gain, fitted
 from dlo_ros.diagnosis.proposals.linear_evidence import PredictedGain
 from dlo_ros.effects import Start
 from dlo_ros.effects.physics.stiff_segment import StiffSegment

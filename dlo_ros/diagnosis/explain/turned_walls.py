@@ -11,10 +11,10 @@ import logging
 from collections.abc import Sequence
 
 from dlo_ros.diagnosis.contact.wall_places import TouchedWall, normal
-from dlo_ros.diagnosis.explain.candidate_trials import FIT_ITERATIONS, Trial, gains
 from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.contact_trials import begun_in_place
 from dlo_ros.diagnosis.explain.peg_size import curves
+from dlo_ros.diagnosis.explain.trials import FIT_ITERATIONS, Trial, gains
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.inference.joint import Evaluation

@@ -42,14 +42,13 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
     systematic_errors,
     with_plain_values,
 )
+from dlo_ros.diagnosis.findings.next_recording import advice
 from dlo_ros.diagnosis.findings.resolved_extents import with_resolved_extents
-from dlo_ros.diagnosis.findings.rest_change import RestChange, rest_change
+from dlo_ros.diagnosis.findings.rest_change import rest_change
 from dlo_ros.diagnosis.findings.shape_views import views
 from dlo_ros.diagnosis.findings.soft_axis import with_soft_axis
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
-from dlo_ros.effects import added_to_damping, effects
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.identifiability import rounded
 from dlo_ros.identification.offline.initial_fit import Beginning
 from dlo_ros.identification.offline.without_own_error import without_own_error
 from dlo_ros.identification.residual_noise import whitened
@@ -63,25 +62,6 @@ from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
-
-SETTLED = (
-    "No other cause explains these data as well: nothing has to be recorded to tell causes apart."
-)
-REPEAT = (
-    "Repeat one of the manipulations unchanged: where both recordings differ from each other, the "
-    "cause changes with time (a draught, a camera or a material that drifts); where they agree, it "
-    "belongs to the DLO and its grips."
-)
-CHANGED = (
-    "In {first} and in {second} the DLO is once held alike, so that its shapes should agree to "
-    "{expected}, and yet it rests {distance} apart: it, a grip or the camera changed between them, "
-    "as a DLO does that creeps or was bent meanwhile. Nothing that is the same in all recordings "
-    "explains that. Let the DLO hang as long before each recording, and record both again."
-)
-SWING = (
-    "Record how the DLO swings after a quick motion, too: these recordings do not determine how a "
-    "motion dies out, and the model keeps what the parameter file guesses ({})."
-)
 
 
 @dataclass(frozen=True)
@@ -160,25 +140,25 @@ def joint_outcome(
     )
     extended = _extended(final, after, given)
     return Diagnosis(
-        verdict,
-        tuple(_effect(c, final, given, missed) for c in found.causes),
-        own,
-        plain_material(plain.model.settings, seen_before, held_before),
-        with_plain_values(extended, plain.model.settings) if suffices else extended,
-        holdout.gain(before.held, after.held),
-        _tried(found),
-        _advice(verdict, found, changed),
-        None if np.isnan(beginning.error) else beginning.error,
-        (*remarks, *(sentences(related_after) if related_after is not None else ())),
-        views(recordings, plain, shown, learned.masks, given),
-        related_before,
-        related_after,
-        matters,
-        share,
-        set_up_numbers(opened(at), found.causes, given, found.doubts),
-        systematic_errors(at),
-        found.trace,
-        tuple(_effect(c, final, given, missed) for c in found.uncertain),
+        verdict=verdict,
+        effects=tuple(_effect(c, final, given, missed) for c in found.causes),
+        noise_floor=own,
+        baseline=plain_material(plain.model.settings, seen_before, held_before),
+        extended=with_plain_values(extended, plain.model.settings) if suffices else extended,
+        gain=holdout.gain(before.held, after.held),
+        candidates=_tried(found),
+        advice=advice(verdict, found, changed),
+        simulation_error=None if np.isnan(beginning.error) else beginning.error,
+        remarks=(*remarks, *(sentences(related_after) if related_after is not None else ())),
+        views=views(recordings, plain, shown, learned.masks, given),
+        relations_before=related_before,
+        relations_after=related_after,
+        material_err=matters,
+        share=share,
+        setup=set_up_numbers(opened(at), found.causes, given, found.doubts),
+        systematic=systematic_errors(at),
+        trace=found.trace,
+        uncertain=tuple(_effect(c, final, given, missed) for c in found.uncertain),
     )
 
 
@@ -344,43 +324,6 @@ def _tried(found: Explanation) -> tuple[Trial, ...]:
         best[effect] = max(step.gain, best.get(effect, -np.inf))
     order = sorted(best.items(), key=lambda row: -row[1])
     return tuple(Trial(name, None, -2.0 * gain) for name, gain in order)
-
-
-def _advice(verdict: Verdict, found: Explanation, changed: RestChange | None = None) -> str:
-    """The next experiment, in a sentence.
-
-    Args:
-        changed: recordings between which something changed, where nothing explains all.
-    """
-    open_ = next((c for c in found.causes if c.rivals), None)
-    if open_ is not None:
-        known = effects()
-        names = " and ".join(known[n].called() for n in (open_.effect, *open_.rivals))
-        return (
-            f"These data do not separate {names}: record another manipulation, one that turns "
-            "the clamp or moves a free end; dlo_ros design --report proposes one."
-        )
-    if verdict == "adequate":
-        return "No error is left to explain."
-    if verdict == "explained":
-        return SETTLED
-    kept, again = _kept_guesses(found), REPEAT if changed is None else _told(changed)
-    return f"{SWING.format(' and '.join(kept))} {again}" if kept else again
-
-
-def _told(changed: RestChange) -> str:
-    first, second = changed.names
-    expected, distance = (f"{rounded(1e3 * x)} mm" for x in (changed.expected, changed.distance))
-    return CHANGED.format(first=first, second=second, expected=expected, distance=distance)
-
-
-def _kept_guesses(found: Explanation) -> list[str]:
-    """Keys of the dampings that were left as they are guessed, see `without_needless`."""
-    return [
-        f"damping.{name}"
-        for effect, (name, _) in added_to_damping().items()
-        if effect in found.shifts and name not in found.at.model.names
-    ]
 
 
 def _percent(share: float | None) -> str:
