@@ -94,7 +94,7 @@ def tree(found: Diagnosis) -> dict[str, Any]:
             "high": _number(gain.high if gain else None),
         },
         "candidates": [
-            {"name": c.name, "err_holdout": _number(c.err_holdout), "score": _number(c.score)}
+            {"name": c.name, "err_holdout": None, "score": _number(c.score)}
             for c in found.candidates
         ],
         "advice": found.advice,

@@ -14,7 +14,6 @@ from dlo_ros.cli.diagnosis_words import (
     either,
     is_sized,
     mm,
-    percent,
     title,
     values,
 )
@@ -26,7 +25,7 @@ from dlo_ros.identification.identifiability import enumerated, rounded
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.thresholds import IDENTIFIED
 from dlo_ros.report.diagnosis_content import Question, SetupRow
-from dlo_ros.report.elements import measured, number
+from dlo_ros.report.elements import measured, number, percent
 
 QUESTION_ERROR = "How wrong is my simulation?"
 QUESTION_CAUSE = "Why?"

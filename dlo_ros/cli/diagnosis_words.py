@@ -321,10 +321,3 @@ def either(phrases: Sequence[str]) -> str:
 def mm(metres: float | None, digits: int = 2) -> str:
     """A length in millimetres, to two digits unless more are wanted."""
     return "unknown" if metres is None else millimetres(metres, digits=digits)
-
-
-def percent(share: float) -> str:
-    """A share in per cent, never all or nothing by rounding alone."""
-    if 0.99 < share < 1.0:
-        return "over 99 %"
-    return "under 1 %" if 0.0 < share < 0.01 else f"{100.0 * share:.0f} %"

@@ -2,6 +2,7 @@
 """Diagnosis: what the model gets wrong, which physical cause it has, and what naming it gains."""
 
 from dlo_ros.diagnosis.findings.diagnosis_outcome import (
+    Candidate,
     Diagnosis,
     Fitted,
     Gain,
@@ -9,11 +10,11 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     Number,
     RecordingView,
     SetupNumber,
-    Trial,
 )
 from dlo_ros.diagnosis.pipeline import diagnose
 
 __all__ = [
+    "Candidate",
     "Diagnosis",
     "Fitted",
     "Gain",
@@ -21,6 +22,5 @@ __all__ = [
     "Number",
     "RecordingView",
     "SetupNumber",
-    "Trial",
     "diagnose",
 ]

@@ -111,6 +111,13 @@ def millimetres(metres: float | None, digits: int = 3) -> str:
     return number(None if metres is None else metres * 1e3, "mm", digits)
 
 
+def percent(share: float) -> str:
+    """A share in per cent, never all or nothing by rounding alone."""
+    if 0.99 < share < 1.0:
+        return "over 99 %"
+    return "under 1 %" if 0.0 < share < 0.01 else f"{100.0 * share:.0f} %"
+
+
 def _fixed(value: float, places: int) -> str:
     """A number with a fixed count of decimals, never minus zero."""
     return f"{round(value, places) + 0.0:.{places}f}"

@@ -10,14 +10,13 @@ from dlo_ros.cli.diagnosis_words import (
     clause,
     label,
     off_by,
-    percent,
     rows,
     title,
     values,
 )
 from dlo_ros.diagnosis import NamedEffect, Number
 from dlo_ros.effects import effects
-from dlo_ros.report.elements import measured
+from dlo_ros.report.elements import measured, percent
 
 DEGREE = np.pi / 180.0
 LENGTH = KNOWN.rod.length

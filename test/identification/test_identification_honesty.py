@@ -19,7 +19,7 @@ from dlo_ros.identification.identifiability import knowledge, sentences
 from dlo_ros.identification.information import NormalEquations
 from dlo_ros.identification.online.accumulated_information import fitted_variances
 from dlo_ros.identification.online.linearised_model import Linearised, PriorInformation
-from dlo_ros.inference.measured import outliers
+from dlo_ros.inference.outlier_pictures import outliers
 from dlo_ros.inference.spectrum import spectrum
 from dlo_ros.inference.variances import Variances
 from dlo_ros.synthesis.experiment import find_experiment

@@ -8,6 +8,7 @@ from rods import PAPER
 
 from dlo_ros.cli.diagnosis_story import story
 from dlo_ros.diagnosis import (
+    Candidate,
     Diagnosis,
     Fitted,
     Gain,
@@ -15,7 +16,6 @@ from dlo_ros.diagnosis import (
     Number,
     RecordingView,
     SetupNumber,
-    Trial,
 )
 from dlo_ros.diagnosis.residuals.relations import Relation, Relations, ResidualPattern
 
@@ -54,7 +54,7 @@ def found(frames=12, n=10):
     return Diagnosis(
         "explained", (effect,), 1e-4, Fitted(KNOWN, *numbers, 1e-3, None),
         Fitted(extended, *numbers, 1e-4, 1.1e-4), Gain(0.9, 0.8, 0.95),
-        (Trial("intrinsic_curvature", 1.1e-4, 10.0), Trial("none", None, 1e4)),
+        (Candidate("intrinsic_curvature", 10.0), Candidate("none", 1e4)),
         "Turn the clamp.", 1e-5, ("A remark.",), (view,), relations(),
     )  # fmt: skip
 

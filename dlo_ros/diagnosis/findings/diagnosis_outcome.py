@@ -96,11 +96,10 @@ class Gain:
 
 
 @dataclass(frozen=True)
-class Trial:
-    """A candidate: its score, lower is better, and ERR on held-out data [m], if that is known."""
+class Candidate:
+    """An effect that was tried: its score, lower is better."""
 
     name: str
-    err_holdout: float | None
     score: float
 
 
@@ -162,7 +161,7 @@ class Diagnosis:
     baseline: Fitted
     extended: Fitted
     gain: Gain | None
-    candidates: tuple[Trial, ...]
+    candidates: tuple[Candidate, ...]
     advice: str
     simulation_error: float | None
     remarks: tuple[str, ...]

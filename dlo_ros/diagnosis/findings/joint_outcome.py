@@ -17,10 +17,10 @@ from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.findings.confirmed_uncertainty import Widening, confirmed
 from dlo_ros.diagnosis.findings.diagnosis_outcome import (
+    Candidate,
     Diagnosis,
     Fitted,
     NamedEffect,
-    Trial,
     Verdict,
 )
 from dlo_ros.diagnosis.findings.joint_learning import (
@@ -49,6 +49,7 @@ from dlo_ros.diagnosis.findings.shape_views import views
 from dlo_ros.diagnosis.findings.soft_axis import with_soft_axis
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
 from dlo_ros.errors import SimulationError
+from dlo_ros.identification.identifiability import rounded
 from dlo_ros.identification.offline.initial_fit import Beginning
 from dlo_ros.identification.offline.without_own_error import without_own_error
 from dlo_ros.identification.residual_noise import whitened
@@ -132,11 +133,13 @@ def joint_outcome(
             relations(first, whitened(e, first), e.predicted, e.model.settings)
             for e in (plain, shown)
         )
+    does_not_matter = f"{rounded(1e3 * matters)} mm would be immaterial"
     remarks = (
-        f"The plain model misses {_mm(left)}; {_mm(matters)} would be immaterial."
+        f"The plain model misses {rounded(1e3 * left)} mm; {does_not_matter}."
         if suffices
-        else f"{_percent(share)} of what the plain model misses beyond the measurement's own error "
-        f"is explained; {_mm(left)} remain, and {_mm(matters)} would be immaterial.",
+        else f"{'An unknown share' if share is None else f'{100.0 * share:.0f} %'} of what the plain model "
+        "misses beyond the measurement's own error is explained; "
+        f"{rounded(1e3 * left)} mm remain, and {does_not_matter}.",
     )
     extended = _extended(final, after, given)
     return Diagnosis(
@@ -316,19 +319,11 @@ def _effect(cause: Cause, final: _Final, given: Settings, missed: float) -> Name
     )  # fmt: skip
 
 
-def _tried(found: Explanation) -> tuple[Trial, ...]:
+def _tried(found: Explanation) -> tuple[Candidate, ...]:
     """The best of each effect's trials: minus twice its log evidence over that without it."""
     best: dict[str, float] = {}
     for step in found.trace:
         effect, _, _ = step.name.partition(" (")  # what follows is where it began
         best[effect] = max(step.gain, best.get(effect, -np.inf))
     order = sorted(best.items(), key=lambda row: -row[1])
-    return tuple(Trial(name, None, -2.0 * gain) for name, gain in order)
-
-
-def _percent(share: float | None) -> str:
-    return "An unknown share" if share is None else f"{100.0 * share:.0f} %"
-
-
-def _mm(value: float) -> str:
-    return f"{1e3 * value:.2f} mm"
+    return tuple(Candidate(name, -2.0 * gain) for name, gain in order)

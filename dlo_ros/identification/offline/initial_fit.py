@@ -29,7 +29,8 @@ from dlo_ros.inference.forecast import Manipulation, as_started, forecast
 from dlo_ros.inference.joint import Evaluation, Simulated, evaluate, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import WhiteLoss
-from dlo_ros.inference.measured import Recording, measured, without_gross
+from dlo_ros.inference.measured import Recording, measured
+from dlo_ros.inference.outlier_pictures import without_gross
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import IMMATERIAL, MUCH_LARGER
 from dlo_ros.parameters import Settings
