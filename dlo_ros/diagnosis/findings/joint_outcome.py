@@ -133,14 +133,7 @@ def joint_outcome(
             relations(first, whitened(e, first), e.predicted, e.model.settings)
             for e in (plain, shown)
         )
-    does_not_matter = f"{rounded(1e3 * matters)} mm would be immaterial"
-    remarks = (
-        f"The plain model misses {rounded(1e3 * left)} mm; {does_not_matter}."
-        if suffices
-        else f"{'An unknown share' if share is None else f'{100.0 * share:.0f} %'} of what the plain model "
-        "misses beyond the measurement's own error is explained; "
-        f"{rounded(1e3 * left)} mm remain, and {does_not_matter}.",
-    )
+    remark = _left_over(share, left, matters, suffices=suffices)
     extended = _extended(final, after, given)
     return Diagnosis(
         verdict=verdict,
@@ -152,7 +145,7 @@ def joint_outcome(
         candidates=_tried(found),
         advice=advice(verdict, found, changed),
         simulation_error=None if np.isnan(beginning.error) else beginning.error,
-        remarks=(*remarks, *(sentences(related_after) if related_after is not None else ())),
+        remarks=(remark, *(sentences(related_after) if related_after is not None else ())),
         views=views(recordings, plain, shown, learned.masks, given),
         relations_before=related_before,
         relations_after=related_after,
@@ -300,6 +293,25 @@ def _share(before: float | None, after: float | None, own: float) -> float | Non
     if before is None or after is None or before <= own:
         return None
     return float(np.clip((before - max(after, own)) / (before - own), 0.0, 1.0))
+
+
+def _left_over(share: float | None, left: float, matters: float, *, suffices: bool) -> str:
+    """A sentence on what is explained and what is left.
+
+    Args:
+        share: share of what the plain model misses that is explained; None: unknown.
+        left: ERR that is left [m].
+        matters: ERR below which nothing is left to explain [m].
+        suffices: whether the plain model does as well.
+    """
+    remains, immaterial = (f"{rounded(1e3 * x)} mm" for x in (left, matters))
+    if suffices:
+        return f"The plain model misses {remains}; {immaterial} would be immaterial."
+    known = "An unknown share" if share is None else f"{100.0 * share:.0f} %"
+    return (
+        f"{known} of what the plain model misses beyond the measurement's own error is explained; "
+        f"{remains} remain, and {immaterial} would be immaterial."
+    )
 
 
 def _effect(cause: Cause, final: _Final, given: Settings, missed: float) -> NamedEffect:
