@@ -24,7 +24,10 @@ from dlo_ros.identification.design.model_discrimination import (
     Discrimination,
     discriminate,
 )
-from dlo_ros.identification.design.plausible_explanations import Explanation, plausible_explanation
+from dlo_ros.identification.design.plausible_explanations import (
+    AssumedEffect,
+    plausible_explanation,
+)
 from dlo_ros.identification.identifiability import enumerated
 from dlo_ros.inference.forecast import forecast
 from dlo_ros.inference.parameter import split_name
@@ -108,7 +111,7 @@ def _block(effect: str, values: Mapping[str, Any]) -> Block:
     return {key: check(effect, key, value) for key, value in values.items()}
 
 
-def sized(rivals: Rivals, settings: Settings, plans: Sequence[Plan]) -> tuple[Explanation, ...]:
+def sized(rivals: Rivals, settings: Settings, plans: Sequence[Plan]) -> tuple[AssumedEffect, ...]:
     """Rival effects, of plausible sizes where nothing says how large they are.
 
     Args:
@@ -147,7 +150,7 @@ class Separation:
 
     settings: Settings
     noise: Noise
-    rivals: tuple[Explanation, ...]
+    rivals: tuple[AssumedEffect, ...]
 
     finalists = FINALISTS
 
@@ -253,7 +256,7 @@ def certainty(evidence: float) -> str:
     return "certain" if evidence >= NAMED else "likely"
 
 
-def _assumed(rival: Explanation) -> str:
+def _assumed(rival: AssumedEffect) -> str:
     """Sentence on the size of an effect that is assumed."""
     numbers = ", ".join(
         f"{key} {np.array2string(np.asarray(value), precision=3, separator=', ')}"

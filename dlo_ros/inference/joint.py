@@ -263,7 +263,7 @@ def judged(found: Simulated, start: Sequence[Variances] | None = None) -> Evalua
     return _evaluation(found, _spectra(found), start)
 
 
-def compared(found: Simulated, variances: tuple[Variances, ...]) -> Evaluation:
+def with_variances(found: Simulated, variances: tuple[Variances, ...]) -> Evaluation:
     """What a simulation leaves, with the variances of something similar; see `rejudged`.
 
     Raises:
@@ -349,7 +349,7 @@ def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Record
     found = replace(found, fields=fields)
     shorter = [len(r) < s.frames for (r, _), s in zip(fields, at.spectra, strict=True)]
     if any(shorter):
-        return replace(compared(found, at.variances), derived=False)
+        return replace(with_variances(found, at.variances), derived=False)
     bins = of_residuals(at.spectra, [r for r, _ in fields], pick)
     return replace(_evaluation(found, bins, at.variances, fitted=False), derived=False)
 

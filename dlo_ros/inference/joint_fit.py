@@ -13,9 +13,9 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import (
     Evaluation,
     borrowed,
-    compared,
     evaluate,
     rejudged,
+    with_variances,
 )
 from dlo_ros.inference.losses import CONVERGED, CORRELATED, WHITE, Loss, misfit
 from dlo_ros.inference.measured import Recording
@@ -172,7 +172,7 @@ def _corrected(before: Evaluation, at: Evaluation) -> Evaluation:
         missed = r0 - r1 - np.einsum("fpk,p->fk", j, step)
         fields.append((r1, j + along[:, None] * missed[:, None, :]))
     try:
-        found = compared(replace(at, fields=tuple(fields)), at.variances)
+        found = with_variances(replace(at, fields=tuple(fields)), at.variances)
     except SimulationError:
         return at
     return replace(found, derived=False)

@@ -65,7 +65,7 @@ def best_of(
     def beginning(_, predicted, __):
         err = 1e-3 * apart ** names.index(predicted.model)
         vital = predicted.model in vitals or predicted.gain > INDISPENSABLE
-        return trial_beginnings.Beginning(predicted, err, vital)
+        return trial_beginnings.TrialBeginning(predicted, err, vital)
 
     def short(model, *_, **__):
         return evaluation(*fits[model])

@@ -299,7 +299,7 @@ def test_where_the_set_up_is_strained_causes_are_looked_for_beside_a_neutral_one
     at = evaluation(0.0, 2e-3)
     cause_search.search(at, "neutral", (), (), 0.1e-3)
     monkeypatch.setattr(cause_search, "_strained", lambda _, __, known: [] if known else ["tilt"])
-    monkeypatch.setattr(cause_search, "EXCHANGES", 0)
+    monkeypatch.setattr(cause_search, "SET_UP_EXCHANGES", 0)
     cause_search.search(at, "neutral", (), (), 0.1e-3)
     cause_search.search(evaluation(0.0, 1e-3), "neutral", (), (), 0.1e-3)  # it does not matter
     assert offers == [[at], [at, "neutral"], [offers[2][0]]]

@@ -39,7 +39,7 @@ def plain_fit(monkeypatch):
         monkeypatch.setattr(holdout, "fitted", fitted)
         seen = [np.arange(10) < 6]
         model = material_model(creeping, given)
-        return holdout.refitted(model, recordings, seen, MATERIAL_ERR).settings.damping
+        return holdout.fitted_to_seen(model, recordings, seen, MATERIAL_ERR).settings.damping
 
     return with_factor
 

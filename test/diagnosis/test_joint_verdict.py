@@ -14,7 +14,7 @@ from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.explanation import Explanation
 from dlo_ros.diagnosis.explain.measurement_error import _staying
 from dlo_ros.diagnosis.findings import joint_outcome, next_recording
-from dlo_ros.diagnosis.findings.holdout import held_out_recording, refitted
+from dlo_ros.diagnosis.findings.holdout import fitted_to_seen, held_out_recording
 from dlo_ros.diagnosis.findings.joint_learning import (
     Errors,
     Learned,
@@ -323,7 +323,9 @@ def test_the_plain_model_has_not_seen_what_is_held_out():
         return np.log(settings.rod.specific_modulus / alone.at.model.settings.rod.specific_modulus)
 
     assert abs(stiffness(both.at.model.settings)) > 0.03
-    assert abs(stiffness(refitted(both.at.model, both.recordings, masks, 0.0).settings)) < 0.02
+    assert (
+        abs(stiffness(fitted_to_seen(both.at.model, both.recordings, masks, 0.0).settings)) < 0.02
+    )
 
 
 @pytest.mark.slow

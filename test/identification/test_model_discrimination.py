@@ -22,7 +22,10 @@ from dlo_ros.identification.design.model_discrimination import (
     discriminate,
     hardest,
 )
-from dlo_ros.identification.design.plausible_explanations import Explanation, plausible_explanation
+from dlo_ros.identification.design.plausible_explanations import (
+    AssumedEffect,
+    plausible_explanation,
+)
 from dlo_ros.inference.forecast import forecast
 from dlo_ros.inference.joint import evaluate
 from dlo_ros.inference.joint_fit import settled
@@ -35,10 +38,10 @@ from dlo_ros.synthesis.experiment import read_experiment
 SPANS, RATE = 14, 10.0
 SURE, OPEN = 5.0, 3.0  # log evidence: 150 to one, twenty to one
 HELD = Scene(PAPER.scale, ("start", "end"), ("start", "end"), 10.0)
-GIVES = Explanation("clamp_compliance", {"start": 1.0})
-TURNED = Explanation("clamp_angle", {"start": 0.05})
-CREEP = Explanation("viscoelasticity", {"share": 0.1, "time": 0.1})
-FRICTION = Explanation("hysteresis", {"moment": 3e-4, "curvature": 1.0})
+GIVES = AssumedEffect("clamp_compliance", {"start": 1.0})
+TURNED = AssumedEffect("clamp_angle", {"start": 0.05})
+CREEP = AssumedEffect("viscoelasticity", {"share": 0.1, "time": 0.1})
+FRICTION = AssumedEffect("hysteresis", {"moment": 3e-4, "curvature": 1.0})
 
 
 def planned(kind):
@@ -72,8 +75,8 @@ def test_all_explanations_have_the_short_spans_that_one_of_them_needs():
 
 
 def test_a_mass_at_a_held_end_is_not_seen():
-    mass = Explanation("point_mass", {"mass": 0.006, "position": LENGTH})
-    softer = Explanation("stiffness_gradient", {"change": 0.3})
+    mass = AssumedEffect("point_mass", {"mass": 0.006, "position": LENGTH})
+    softer = AssumedEffect("stiffness_gradient", {"change": 0.3})
     held, free = (separated(kind, mass, softer) for kind in (u_shape, wave))
     assert held.evidence[0, 1] < 0.5  # whatever else is fitted to it does nothing, either
     assert held.evidence[1, 0] > SURE  # a mass there is no gradient
@@ -87,7 +90,7 @@ def test_slow_motion_to_and_fro_separates_friction_from_creep_and_rest_does_not(
 
 
 def test_the_worst_pair_and_direction_counts():
-    tilt = Explanation("gravity_tilt", {"angle": 0.05})
+    tilt = AssumedEffect("gravity_tilt", {"angle": 0.05})
     three = separated(swing, GIVES, TURNED, tilt)
     two = separated(swing, GIVES, TURNED)
     assert three.evidence[:2, :2] == pytest.approx(two.evidence, rel=0.2, abs=3.0)
@@ -104,7 +107,7 @@ def test_more_of_an_effect_is_separated_better():
 
 def test_a_manipulation_that_cannot_be_simulated_is_refused():
     plan, rope = planned(swing)
-    slack = Explanation("length_error", {"difference": 10.0})
+    slack = AssumedEffect("length_error", {"difference": 10.0})
     with pytest.raises(SimulationError):
         discriminate(plan, rope, (GIVES, slack), spans=SPANS)
 
@@ -147,7 +150,7 @@ def test_a_start_is_taken_that_makes_sense_in_the_manipulation(where):
     taken = plausible_explanation(effect, rope, seen, None, (plan,))
     if "onset" in taken.block:
         assert taken.block["onset"] < plan.duration
-    tilt = Explanation("gravity_tilt", {"angle": 0.05})
+    tilt = AssumedEffect("gravity_tilt", {"angle": 0.05})
     found = discriminate(plan, rope, (taken, tilt), spans=SPANS)
     assert found.reliable and found.evidence[0, 1] > SURE
 

@@ -17,7 +17,7 @@ from dlo_ros.diagnosis.explain.own_moments import (
     refined_moments,
     with_own_moments,
 )
-from dlo_ros.diagnosis.explain.trial_beginnings import Beginning, beginning
+from dlo_ros.diagnosis.explain.trial_beginnings import TrialBeginning, beginning
 from dlo_ros.diagnosis.explain.trials import (
     FIRST_ITERATIONS,
     FIT_ITERATIONS,
@@ -131,10 +131,10 @@ def best_trials(
 def _all_checked(
     number: int, offers: Sequence[tuple[Evaluation, Sequence[PredictedGain]]],
     recordings: Sequence[Recording],
-) -> tuple[list[Beginning], list[Step]]:  # fmt: skip
+) -> tuple[list[TrialBeginning], list[Step]]:  # fmt: skip
     """The promising proposals, and what became of the others; see `best_trials`."""
     trace: list[Step] = []
-    checked: list[Beginning] = []
+    checked: list[TrialBeginning] = []
     for origin, predictions in offers:
         promising = {id(p) for p in _promising(predictions)}
         for predicted in predictions:
@@ -151,8 +151,8 @@ def _all_checked(
 
 
 def _chosen(
-    checked: Sequence[Beginning], at: Evaluation, least: float
-) -> tuple[list[Beginning], list[tuple[Beginning, str]]]:
+    checked: Sequence[TrialBeginning], at: Evaluation, least: float
+) -> tuple[list[TrialBeginning], list[tuple[TrialBeginning, str]]]:
     """Proposals that are fitted, and why the others are not; see `best_trials`."""
     # Proposals that can do each other's work come equally near: the likeliest of them first.
     alike = (1.0 + SMALL_SHARE) * min((c.err for c in checked), default=0.0)
@@ -176,9 +176,9 @@ def _chosen(
 
 
 def _at_once(
-    chosen: Sequence[Beginning], offers: Sequence[tuple[Evaluation, Sequence[PredictedGain]]],
+    chosen: Sequence[TrialBeginning], offers: Sequence[tuple[Evaluation, Sequence[PredictedGain]]],
     recordings: Sequence[Recording],
-) -> list[Beginning]:  # fmt: skip
+) -> list[TrialBeginning]:  # fmt: skip
     """Beginnings of sudden events, of effects that are fitted as going on all the time.
 
     At the wrong moment an event gains less, and no derivative leads to the right one: its fit
@@ -188,7 +188,7 @@ def _at_once(
     even = {p.effect for p in proposals}
     even -= {p.effect for p in proposals if has_common_moments(p)}
     rows = [(origin, p) for origin, predictions in offers for p in predictions]
-    found: list[Beginning] = []
+    found: list[TrialBeginning] = []
     for origin, predicted in sorted(rows, key=lambda row: -row[1].gain):
         effect = predicted.proposal.effect
         if effect in even and has_common_moments(predicted.proposal):
@@ -200,7 +200,7 @@ def _at_once(
     return found
 
 
-def _likeliest(checked: Sequence[Beginning], nearest: Beginning) -> Beginning:
+def _likeliest(checked: Sequence[TrialBeginning], nearest: TrialBeginning) -> TrialBeginning:
     """The start of an effect with the largest predicted gain.
 
     A softer stretch of a DLO may come nearer by the first steps than the stiffer rest beside it.

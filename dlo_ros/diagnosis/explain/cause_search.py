@@ -41,7 +41,7 @@ from dlo_ros.inference.thresholds import CLEARLY_LESS, INDISPENSABLE, LOWERS, OW
 LOG = logging.getLogger(__name__)
 
 MOST_CAUSES = 6
-EXCHANGES = 2
+SET_UP_EXCHANGES = 2
 """Numbers of the set-up that are exchanged for effects in a search."""
 
 
@@ -149,7 +149,7 @@ def search(
         over = left_over(found, at, recordings)
         little = over > 1.0 - LOWERS
         if little and leaves_something(found[0] if found else at, recordings, enough):
-            for group in _strained(at, causes, exchanged)[: EXCHANGES - len(exchanged)]:
+            for group in _strained(at, causes, exchanged)[: SET_UP_EXCHANGES - len(exchanged)]:
                 exchanged.append(group.label)
                 other, steps = _exchange(number, at, group, recordings, begun, known, offer)
                 trace += steps

@@ -14,7 +14,7 @@ from dlo_ros.diagnosis.explain.certainty import has_other_stiffness
 from dlo_ros.diagnosis.proposals.linear_evidence import PredictedGain, Proposal, joined
 from dlo_ros.effects import effects, quantities
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, Simulated, borrowed, compared, simulate
+from dlo_ros.inference.joint import Evaluation, Simulated, borrowed, simulate, with_variances
 from dlo_ros.inference.joint_fit import approached
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
@@ -34,7 +34,7 @@ PLACE_TRIALS = 25
 
 
 @dataclass(frozen=True, eq=False)
-class Beginning:
+class TrialBeginning:
     """The beginning of a proposal's fit.
 
     Args:
@@ -60,7 +60,7 @@ class Beginning:
 
 def beginning(
     at: Evaluation, predicted: PredictedGain, recordings: Sequence[Recording]
-) -> Beginning:
+) -> TrialBeginning:
     """Where the fit of a proposal begins.
 
     Gains are predicted linearly, for correlated errors: the step to the predicted model is often
@@ -82,7 +82,7 @@ def beginning(
     # Effects on which E depends are fitted, too.
     vital = predicted.gain >= INDISPENSABLE or has_other_stiffness(predicted.model, at, 1.0)
     begins = replace(predicted, model=predicted.begin.at(found.model.theta()))
-    return Beginning(begins, found.mean_err, vital)
+    return TrialBeginning(begins, found.mean_err, vital)
 
 
 def _with_columns(at: Evaluation, predicted: PredictedGain) -> Evaluation:
@@ -93,7 +93,7 @@ def _with_columns(at: Evaluation, predicted: PredictedGain) -> Evaluation:
     # A column of zeros behind the others stands for derivatives that are not known yet.
     place = [names.index(n) if n in names else len(names) for n in model.names]
     known = tuple((r, np.pad(j, ((0, 0), (0, 1), (0, 0)))[:, place]) for r, j in fields)
-    return compared(Simulated(model, known, at.err, at.predicted, at.motions), at.variances)
+    return with_variances(Simulated(model, known, at.err, at.predicted, at.motions), at.variances)
 
 
 def _held(model: ParametricModel, known: Collection[str]) -> ParametricModel:

@@ -24,7 +24,7 @@ SPARE = 3
 """Recordings, from which one of them is held out whole."""
 
 
-def refitted(
+def fitted_to_seen(
     model: ParametricModel, recordings: Sequence[Recording], masks: Sequence[np.ndarray],
     material_err: float,
 ) -> ParametricModel:  # fmt: skip

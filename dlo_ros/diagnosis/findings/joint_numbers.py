@@ -21,7 +21,7 @@ from dlo_ros.diagnosis.findings.least_std import least_std
 from dlo_ros.effects import added_to_damping, damping_effect, effects, quantities
 from dlo_ros.identification.force_scale import POWERS, with_scale
 from dlo_ros.identification.information import model_shift
-from dlo_ros.inference.joint import Evaluation, compared
+from dlo_ros.inference.joint import Evaluation, with_variances
 from dlo_ros.inference.parameter import (
     OWN,
     Parameter,
@@ -222,7 +222,7 @@ def at_guessed_scale(at: Evaluation) -> Evaluation:
         1.0 if p.logarithmic else math.exp(step * POWERS.get(p.unit, 0.0)) for p in model.parameters
     ]
     fields = tuple((left, slopes / np.array(scaled)[:, None]) for left, slopes in at.fields)
-    return compared(replace(at, model=_at_scale(model, step), fields=fields), at.variances)
+    return with_variances(replace(at, model=_at_scale(model, step), fields=fields), at.variances)
 
 
 def _at_scale(model: ParametricModel, log: float) -> ParametricModel:

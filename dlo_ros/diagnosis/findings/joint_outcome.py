@@ -103,7 +103,7 @@ def joint_outcome(
     own = own_err(at, first) if len(at.err) == len(first) else found.own_err
     matters = material_err(own, given)
     seen = [~mask for mask in learned.masks[: len(first)]]
-    bare_model = holdout.refitted(plain.model, first, seen, matters)
+    bare_model = holdout.fitted_to_seen(plain.model, first, seen, matters)
     before = errors_of(bare_model, recordings, learned.masks)
     immaterial = plain.mean_err < matters
     suffices = not found.causes and (immaterial or _no_nearer(final.learned.err.seen, before.seen))

@@ -27,9 +27,9 @@ from dlo_ros.identification.design.expected_information import (
     observer_variances,
     recorded,
 )
-from dlo_ros.identification.design.plausible_explanations import Explanation
+from dlo_ros.identification.design.plausible_explanations import AssumedEffect
 from dlo_ros.inference.forecast import Forecast, forecast
-from dlo_ros.inference.joint import Simulated, compared, field
+from dlo_ros.inference.joint import Simulated, field, with_variances
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import CorrelatedLoss
 from dlo_ros.inference.measured import Recording
@@ -94,7 +94,7 @@ def hardest(evidence: FloatArray) -> tuple[int, int]:
 def discriminate(
     plan: Plan,
     settings: Settings,
-    explanations: Sequence[Explanation],
+    explanations: Sequence[AssumedEffect],
     noise: Noise = Noise(),  # noqa: B008 - frozen
     *,
     spans: int | None = None,
@@ -144,7 +144,7 @@ def discriminate(
     )  # fmt: skip
 
 
-def _with_same_spans(plain: Settings, explanations: Sequence[Explanation]) -> Settings:
+def _with_same_spans(plain: Settings, explanations: Sequence[AssumedEffect]) -> Settings:
     """The plain model with the knot spans that one of the explanations needs.
 
     Where a grip gives, spans beside it are short. It gives by nothing in all models then: errors of
@@ -158,7 +158,7 @@ def _with_same_spans(plain: Settings, explanations: Sequence[Explanation]) -> Se
 
 
 def _model(
-    explanation: Explanation, rivals: Sequence[Explanation], plain: Settings, view: Scene
+    explanation: AssumedEffect, rivals: Sequence[AssumedEffect], plain: Settings, view: Scene
 ) -> ParametricModel:
     """The set-up within its tolerances with an explanation, without what its rivals change."""
     compared = {(e.effect, key) for e in rivals for key in e.block}
@@ -193,7 +193,7 @@ def _evidence_lost(
     parts = here[0].shape[1] // seen.observed.shape[1]
     known = (observer_variances(model.settings, noise, parts),)
     begun = Simulated(model, (here,), (begin.err,), (begin.predicted,), (seen.motion,))
-    found = compared(begun, known)
+    found = with_variances(begun, known)
     found = fit(found, [seen], refits, loss=CorrelatedLoss(known=known), draft=True)
     (bins,) = found.spectra
     offset, precision = found.model.offset(), found.model.precision()

@@ -30,7 +30,7 @@ as a cause."""
 
 
 @dataclass(frozen=True)
-class Explanation:
+class AssumedEffect:
     """An effect of a given size, as one explanation of what the plain model misses.
 
     Args:
@@ -48,7 +48,7 @@ def plausible_explanation(
     seen: Scene,
     block: Block | None = None,
     plans: Sequence[Plan] = (),
-) -> Explanation:
+) -> AssumedEffect:
     """An effect of a size that a cause may have.
 
     The size is that of one of the starts from which `diagnose` looks for it, or some tolerances
@@ -77,7 +77,7 @@ def plausible_explanation(
                 f"fits anyway; state damping.{q.adds_to}_std to compare it with other effects"
             )
     if block:
-        return Explanation(effect, block)
+        return AssumedEffect(effect, block)
     blocks = _plausible_blocks(effect, settings, seen)
     if not blocks:
         raise InputError(
@@ -85,12 +85,12 @@ def plausible_explanation(
             "parameter file"
         )
     if len(blocks) == 1 or not plans:
-        return Explanation(effect, _middle(blocks))
-    moved = _displacements([Explanation(effect, b) for b in blocks], settings, plans)
+        return AssumedEffect(effect, _middle(blocks))
+    moved = _displacements([AssumedEffect(effect, b) for b in blocks], settings, plans)
     shown = np.isfinite(moved).sum(axis=1)  # manipulations in which each of them shows
     best = np.flatnonzero((shown == shown.max()) & (shown > 0))
     best = best[np.argsort([np.nanmean(moved[k]) for k in best], kind="stable")]
-    return Explanation(effect, _middle([blocks[k] for k in best] or blocks))
+    return AssumedEffect(effect, _middle([blocks[k] for k in best] or blocks))
 
 
 def _middle(blocks: Sequence[Block]) -> Block:
@@ -127,7 +127,7 @@ def _sized(q: Quantity, value: Value, settings: Settings, effect: str) -> Value:
 
 
 def _displacements(
-    explanations: Sequence[Explanation], settings: Settings, plans: Sequence[Plan]
+    explanations: Sequence[AssumedEffect], settings: Settings, plans: Sequence[Plan]
 ) -> FloatArray:
     """Mean displacement by each explanation in each manipulation, over L.
 
@@ -145,7 +145,7 @@ def _displacements(
 
 
 def _displacement(
-    explanation: Explanation, settings: Settings, plan: Plan, plain: Forecast
+    explanation: AssumedEffect, settings: Settings, plan: Plan, plain: Forecast
 ) -> float:
     """See `_displacements`; `plain` is the forecast without the effect."""
     effects_with = {**settings.effects, explanation.effect: explanation.block}

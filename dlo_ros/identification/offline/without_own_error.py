@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, compared, field, simulate
+from dlo_ros.inference.joint import Evaluation, field, simulate, with_variances
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.thresholds import IMMATERIAL
 from dlo_ros.parameters import Settings
@@ -98,5 +98,5 @@ def _compared_with(
         (field(recording, coarse, None, np.zeros(0))[0], jacobian)
         for recording, coarse, (_, jacobian) in zip(adjusted, at.predicted, at.fields, strict=True)
     )
-    found = compared(replace(at, fields=fields), at.variances)
+    found = with_variances(replace(at, fields=fields), at.variances)
     return replace(found, derived=at.derived), adjusted
