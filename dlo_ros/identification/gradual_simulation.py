@@ -19,8 +19,8 @@ from dlo_ros.rod.prediction import Prediction
 def simulated(
     model: ParametricModel, recording: Recording, names: Sequence[str], at_once: int = 1
 ) -> Pieces[Simulated]:
-    """Simulation of one recording as by `dlo_ros.inference.joint.simulate`, with the mean distance
-    as ERR.
+    """Simulation of one recording as by `dlo_ros.inference.joint.simulate`, with the root mean
+    square distance of each picture as ERR.
 
     Args:
         names: parameters of which derivatives are wanted.

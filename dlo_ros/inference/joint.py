@@ -228,7 +228,8 @@ def least(
         precision: inverse prior variances, shape (P,).
 
     Returns:
-        The step of the parameters, shape (P,), and the mean distance that it leaves [m].
+        The step of the parameters, shape (P,), and the root mean square distance that it leaves
+        [m].
     """
     hessian = np.sum([np.einsum("fpk,fqk->pq", j, j) for _, j in fields], axis=0)
     pull = np.sum([np.einsum("fpk,fk->p", j, r) for r, j in fields], axis=0)
@@ -355,7 +356,10 @@ def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Record
 
 
 def linearly_fitted(at: Simulated) -> Evaluation:
-    """The fit of a model as if it were linear and errors white; nothing is simulated."""
+    """The fit of a model as if it were linear and errors white; nothing is simulated.
+
+    Its `err` is the root mean square distance of each picture, which residuals tell.
+    """
     step, _ = least(at.fields, at.model.offset(), at.model.precision())
     model = at.model.at(at.model.theta() + step)
     step = model.theta() - at.model.theta()  # within ranges

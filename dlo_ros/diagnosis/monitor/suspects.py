@@ -57,7 +57,7 @@ class Suspects:
     """Errors of a motion that E, mu and damping leave, and effects that would explain them.
 
     Args:
-        err: mean distance that E, mu and damping leave [m].
+        err: root mean square distance that E, mu and damping leave [m].
         setup_err: error that a set-up within its tolerances leaves [m].
         material: error below which nothing needs to be explained [m].
         found: names of effects with the share of `err` that each would explain, best first; a
@@ -87,7 +87,7 @@ def suspects(past: Manipulation, settings: Settings, spans: int, noise: float) -
         past: commands and observations from the start of the simulation on.
         settings: settings with the estimated parameters.
         spans: knot spans of the simulation.
-        noise: noise of a picture, as a mean distance along the DLO [m].
+        noise: noise of a picture, root mean square along the DLO [m].
 
     Raises:
         DloError: the joint model cannot be simulated.
@@ -139,7 +139,8 @@ def _far_off(at: Evaluation) -> dict[str, float]:
 def _explaining(
     at: Simulated, bare: Sequence[Evaluation], recording: Recording, view: Scene, noise: float
 ) -> Pieces[list[tuple[str, float]]]:
-    """Effects that do better than the set-up alone, each with the mean distance it leaves [m].
+    """Effects that do better than the set-up alone, each with the root mean square distance
+    that it leaves [m].
 
     Args:
         at: the joint model at the estimate.

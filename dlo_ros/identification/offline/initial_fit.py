@@ -63,7 +63,8 @@ class Beginning:
     Args:
         recordings: recordings with their noise and a resolution that is fine enough.
         at: the plain model fitted to all recordings.
-        error: the simulation's own error, mean distance [m]; NaN where it was not judged.
+        error: the simulation's own error, root mean square distance [m]; NaN where it was not
+            judged.
         left_out: number of pictures of each recording that are grossly wrong and left out.
         near: a model that comes nearer, found before, against the same recordings; None: none is.
     """
@@ -274,7 +275,7 @@ def _coarsest(
 ) -> tuple[Recording, float]:
     """The coarsest of ever finer simulations whose error is allowed, or the best of all; its error.
 
-    The error is the difference from the next finer one, mean distance [m].
+    The error is the difference from the next finer one, root mean square distance [m].
 
     Args:
         finer: the recording with ever finer simulations.

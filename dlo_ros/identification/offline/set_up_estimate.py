@@ -60,8 +60,8 @@ class MaterialFit:
         information: information of the data on ln (E, mu, c, t_r), shape (4, 4), averaged over both
             models.
         set_up: numbers of the set-up with standard deviations; empty where it is exact.
-        error: the simulation's own error while the fit was looked for, mean distance [m]; NaN where
-            it was not judged.
+        error: the simulation's own error while the fit was looked for, root mean square distance
+            [m]; NaN where it was not judged.
         left_out: number of pictures of each recording that are grossly wrong and left out.
         alternatives: effects that this material rather stands for; the information allows for them.
     """
