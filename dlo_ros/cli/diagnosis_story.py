@@ -165,7 +165,7 @@ def _how_wrong(found: Diagnosis, length: float) -> tuple[str, ...]:
         if found.material_err is not None:
             words += f"; less than {mm(found.material_err)} does not matter here"
         sentences.append(f"{words}.")
-    return tuple(sentences)
+    return (*sentences, *found.left_out)
 
 
 def _why(found: Diagnosis) -> tuple[str, ...]:

@@ -82,7 +82,8 @@ def diagnose(
         named = with_names(found, beginning.recordings)
     progress("measuring the gain", 1.0)
     outcome = joint_outcome(beginning, plain, named, given)
-    return with_forces(outcome, recordings, given, _left_out(beginning))
+    outcome = replace(outcome, left_out=_left_out(beginning))
+    return with_forces(outcome, recordings, given)
 
 
 def _begun(
@@ -206,11 +207,10 @@ def _sharper(plain: Evaluation, found: Learned, beginning: Beginning) -> Beginni
 
 
 def _left_out(beginning: Beginning) -> tuple[str, ...]:
-    """Sentence on the pictures that were not used."""
+    """Sentences on the pictures that do not count."""
     return tuple(
         f"{r.name}: {number} of {number + len(r.times)} pictures "
-        f"{'is left out as an outlier' if number == 1 else 'are left out as outliers'}: the "
-        "observed shape is grossly wrong there."
+        f"{'does' if number == 1 else 'do'} not count: the observed shape is grossly wrong there."
         for r, number in zip(beginning.recordings, beginning.left_out, strict=False)
         if number
     )

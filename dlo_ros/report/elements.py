@@ -29,8 +29,8 @@ def typeset(text: str) -> str:
 
 
 def markup(text: str) -> str:
-    """Plain text as HTML."""
-    return escape(typeset(text))
+    """Plain text as HTML; what stands between backticks is code."""
+    return re.sub("`([^`]+)`", r"<code>\1</code>", escape(typeset(text)))
 
 
 def paragraph(text: str) -> str:

@@ -78,7 +78,8 @@ def force_maps(
         ),
         "The load per length across the DLO that would bring the plain model onto the measurement "
         "(a linear beam about the predicted shape). White where it is less than two standard "
-        f"deviations, each {number(float(np.median(inner)), digits=2)} N/m in the DLO's middle.",
+        f"deviations, each {number(float(np.median(inner)), digits=2)} N/m in the DLO's middle. "
+        "Beside a clamp it mostly stands for the clamp's direction or place.",
     )  # fmt: skip
 
 

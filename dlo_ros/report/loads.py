@@ -11,9 +11,10 @@ from dlo_ros.report.elements import UNKNOWN, number, paragraph, table
 LONGEST_RADIUS = 1e3
 """Bend radius [m] beyond which a DLO is called straight."""
 WORDS = (
-    "The largest loads on the DLO and its grips in the model, at the pictures' instants. A grip's "
-    "force acts on the DLO. The simulator publishes the same live, with an alarm "
-    "beyond limits.tension and limits.bend_radius."
+    "The largest loads on the DLO and its grips in the model, at the pictures' instants; they are "
+    "not measured. Where the DLO is pulled taut, they hang on each millimetre of its length and of "
+    "the distance of its grips. A grip's force acts on the DLO. The simulator publishes the same "
+    "live, with an alarm beyond limits.tension and limits.bend_radius."
 )
 
 
@@ -42,7 +43,7 @@ def loads_table(rows: Sequence[LoadRow]) -> str:
         "at u = L",
     ]  # fmt: skip
     cells = [
-        [r.name, number(r.tension, "N"), _radius(r.bend_radius), _force(r.start), _force(r.end)]
+        [r.name, number(r.tension, "N", 2), _radius(r.bend_radius), _force(r.start), _force(r.end)]
         for r in rows
     ]
     return table(head, cells) + paragraph(WORDS)
@@ -53,4 +54,4 @@ def _radius(radius: float) -> str:
 
 
 def _force(force: float | None) -> str:
-    return UNKNOWN if force is None else number(force, "N")
+    return UNKNOWN if force is None else number(force, "N", 2)

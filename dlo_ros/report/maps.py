@@ -42,7 +42,7 @@ def field_maps(
         width, height = 4.4 * len(fields) + 0.6, 2.9
         figure = Figure(figsize=(width, height), dpi=110)
         figure.set_facecolor("white")
-        figure.subplots_adjust(0.65 / width, 0.5 / height, 1 - 1.05 / width, 1 - 0.35 / height)
+        figure.subplots_adjust(0.75 / width, 0.5 / height, 1 - 1.05 / width, 1 - 0.35 / height)
         grid = figure.add_gridspec(1, len(fields) + 1, width_ratios=[*[1.0] * len(fields), 0.03])
         grid.update(wspace=0.12)
         first = figure.add_subplot(grid[0])

@@ -67,6 +67,12 @@ def test_a_cause_that_changes_nothing_on_other_data_is_told_as_that():
     assert why.endswith("The simulation comes as near without it.")
 
 
+def test_pictures_that_do_not_count_are_told():
+    said = "first: 128 of 1288 pictures do not count: the observed shape is grossly wrong there."
+    made = replace(case(), left_out=(said,))
+    assert answers(made)[0].endswith(said)
+
+
 def test_rivals_are_told_as_one_of_them():
     made = case(causes=[replace(MASS, rivals=("constant_force", "clamp_angle"))])
     (_, why, gain) = answers(made)

@@ -83,6 +83,7 @@ def test_a_model_that_comes_nearer_may_need_a_finer_simulation(monkeypatch, near
     monkeypatch.setattr(pipeline, "_sharper", sharper)
     monkeypatch.setattr(pipeline, "with_names", names)
     monkeypatch.setattr(pipeline, "joint_outcome", lambda *words: words)
+    monkeypatch.setattr(pipeline, "replace", lambda outcome, **_: outcome)
     monkeypatch.setattr(pipeline, "with_forces", lambda outcome, *_: outcome)
     outcome = pipeline.diagnose([object()], "given")
     assert outcome == (beginning, "plain", near if nearer else far, "given")

@@ -49,7 +49,6 @@ def with_forces(
     found: Diagnosis,
     recordings: Sequence[Manipulation],
     given: Settings,
-    remarks: Sequence[str] = (),
 ) -> Diagnosis:
     """The diagnosis with E, mu and every force in it on the scale of the measured forces.
 
@@ -57,9 +56,7 @@ def with_forces(
         found: diagnosis from shapes.
         recordings: recordings that the diagnosis was learned from.
         given: the parameter file.
-        remarks: remarks that are added in any case.
     """
-    found = replace(found, remarks=(*found.remarks, *remarks))
     measured = [r for r in recordings if r.wrenches]
     if not measured:
         return found
