@@ -22,13 +22,11 @@ from dlo_ros.inference.thresholds import (
     STAYING_SHARE,
     TRACKER_ERROR,
 )
-from dlo_ros.inference.variances import REPEATED_STD, Variances
+from dlo_ros.inference.variances import ALONG, REPEATED_STD, Variances
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 TINY = 1e-300
-ALONG = 1
-"""Direction along the DLO; see `spectrum`."""
 
 
 def material_err(own: float, given: Settings) -> float:

@@ -21,7 +21,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from dlo_ros.diagnosis.residuals.linear_beam import Beam
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.thresholds import FEWEST
-from dlo_ros.parameters import Settings
+from dlo_ros.parameters import STANDARD_GRAVITY, Settings
 from dlo_ros.spline import FloatArray
 
 MODES = 6
@@ -67,7 +67,7 @@ def missing_force(
     beam = Beam(
         settings, recording.manipulation.commands, (0, 2) if recording.planar else (0, 1, 2)
     )
-    size, axes, ways = rod.linear_density * 9.81, beam.axes, len(beam.axes)
+    size, axes, ways = rod.linear_density * STANDARD_GRAVITY, beam.axes, len(beam.axes)
     systems = _systems(recording, predicted, beam, size)
     # A load that varies much along the DLO is less likely than an even one.
     decay = np.repeat(1.0 / (1.0 + np.arange(MODES)) ** 2, ways)

@@ -12,7 +12,7 @@ from dlo_ros.command import CONTROL_POINT, END, START
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.thresholds import SMALL_SHARE
-from dlo_ros.parameters import Settings
+from dlo_ros.parameters import STANDARD_GRAVITY, Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 LEAST = 1e-3
@@ -53,7 +53,7 @@ def inputs(
     speed = [np.linalg.norm(v, axis=1, keepdims=True) for v in velocity]
     slow = 0.1 * float(np.sqrt(np.mean(np.concatenate(speed) ** 2)))
     heading = [v / np.sqrt(s**2 + slow**2 + 1e-300) for v, s in zip(velocity, speed, strict=True)]
-    gravity = float(np.linalg.norm(settings.gravity)) or 9.81
+    gravity = float(np.linalg.norm(settings.gravity)) or STANDARD_GRAVITY
     fading = FADING * float(np.sqrt(length / gravity))
     main = _principal(velocity, 2)
     past = [_past(m, s, t, fading) for m, s, t in zip(main, speed, times, strict=True)]
