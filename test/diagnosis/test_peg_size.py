@@ -54,21 +54,26 @@ def test_a_peg_of_another_size_touches_the_same_point_and_keeps_its_size(size, e
 
 
 @pytest.mark.parametrize(
-    ("gains", "expected"),
+    ("best", "largest", "expected"),
     [
-        ({1.0: 0.0, 0.25: 40.0, 0.5: 30.0, 2.0: -90.0}, 0.25),
-        ({1.0: 0.0, 0.25: -90.0, 0.5: 30.0, 2.0: None}, 0.5),
-        ({1.0: 0.0, 0.25: -90.0, 0.5: -30.0, 2.0: -5.0}, 1.0),
+        (0.25, np.inf, 0.25),
+        (0.37, np.inf, 0.5**1.5),
+        (1.0, np.inf, 1.0),
+        (2.6, np.inf, 2.0**1.5),
+        (2.6, 2.5, 2.0),  # a larger one cannot be simulated
     ],
 )
-def test_the_size_that_explains_most_is_taken_and_held(monkeypatch, gains, expected):
+def test_the_size_that_explains_most_is_taken_and_held(monkeypatch, best, largest, expected):
     at = hit(evidence=500.0)  # that of derivatives by the size
 
     def fitted(_, model, __):
-        gain = gains[round(radius(model) / BIG, 6)]
-        if gain is None:
+        size = radius(model) / BIG
+        if size > largest:
             return None
-        return SimpleNamespace(model=model, posterior=SimpleNamespace(evidence=gain))
+        evidence = -90.0 * np.log(size / best) ** 2
+        return SimpleNamespace(
+            model=model, predicted=at.predicted, posterior=SimpleNamespace(evidence=evidence)
+        )
 
     ends = []
     monkeypatch.setattr(peg_size, "fitted_beside", fitted)

@@ -27,9 +27,9 @@ from dlo_ros.spline import FloatArray
 LOG = logging.getLogger(__name__)
 
 PEG = X, Z, RADIUS = tuple(Obstacle.parameter(key) for key in ("x", "z", "radius"))
-SIZES = (1.0, 0.25, 0.5, 2.0)
-"""Sizes that are compared, over that of a fit: the largest peg that explains the data comes
-nearest to what is known before the impact, so that fits tend to be too large."""
+STEPS = (2.0, 2.0**0.5)
+"""Factors by which a size is changed either way as long as that explains more, one after the
+other."""
 SCALES = (4.0, 2.0)
 """Factors by which a size is changed either way, to see how well it is known."""
 PLACES = 50
@@ -46,12 +46,29 @@ def best_sized(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
     """
     if not set(PEG) <= set(at.model.names):
         return at
-    tried = [fitted_beside(at, resized(at, size), recordings) for size in SIZES]
-    best = max((e for e in tried if e), key=lambda e: e.posterior.evidence, default=None)
+    best = fitted_beside(at, resized(at, 1.0), recordings)
     if best is None:
         return at
+    for step in STEPS:
+        larger = _resized_while_better(best, step, recordings)
+        best = larger or _resized_while_better(best, 1.0 / step, recordings) or best
     LOG.info("the peg is %.3g times as large", _radius(best.model) / _radius(at.model))
     return fit(best, recordings, FIT_ITERATIONS)
+
+
+def _resized_while_better(
+    at: Evaluation, factor: float, recordings: Sequence[Recording]
+) -> Evaluation | None:
+    """A fit with a peg whose size is changed by a factor as long as that explains more; None where
+    it never does.
+    """
+    best = None
+    while True:
+        here = best or at
+        other = fitted_beside(here, resized(here, factor), recordings)
+        if other is None or other.posterior.evidence <= here.posterior.evidence:
+            return best
+        best = other
 
 
 def peg_factors(at: Evaluation, recordings: Sequence[Recording]) -> dict[str, float]:
