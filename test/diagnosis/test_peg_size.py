@@ -40,13 +40,19 @@ def radius(model):
 
 
 @pytest.mark.parametrize(
-    ("size", "expected"), [(0.25, 0.25 * BIG), (2.0, 2.0 * BIG), (50.0, 0.3 * PAPER.rod.length)]
+    ("size", "expected"),
+    [
+        (0.25, 0.25 * BIG),
+        (2.0, 2.0 * BIG),
+        (50.0, 0.3 * PAPER.rod.length),  # at most as large as it is looked for
+        (0.01, 0.25 * PAPER.rod.diameter),
+    ],
 )
 def test_a_peg_of_another_size_touches_the_same_point_and_keeps_its_size(size, expected):
     at = hit()
     model = resized(at, size)
     peg = model.settings.effects["obstacle"]
-    assert peg["radius"] == pytest.approx(expected)  # at most as large as it is looked for
+    assert peg["radius"] == pytest.approx(expected)
     surface = np.array([peg["x"], peg["z"]]) + peg["radius"] * OUTWARDS
     assert surface == pytest.approx(HIT, abs=2e-3)  # places along the DLO lie 8 mm apart
     k = model.index(RADIUS)

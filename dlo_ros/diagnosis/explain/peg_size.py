@@ -30,6 +30,8 @@ PEG = X, Z, RADIUS = tuple(Obstacle.parameter(key) for key in ("x", "z", "radius
 STEPS = (2.0, 2.0**0.5)
 """Factors by which a size is changed either way as long as that explains more, one after the
 other."""
+THINNEST = 0.25
+"""Smallest radius that is tried, in diameters of the DLO: a thinner peg touches it no otherwise."""
 SCALES = (4.0, 2.0)
 """Factors by which a size is changed either way, to see how well it is known."""
 PLACES = 50
@@ -110,7 +112,9 @@ def resized(at: Evaluation, size: float) -> ParametricModel:
     outwards = nearest / np.linalg.norm(nearest)
     k = model.index(RADIUS)
     theta = model.theta()
-    theta[k] = model.parameters[k].inner(model.parameters[k].outer(theta[k] + np.log(size)))
+    thinnest = min(radius, THINNEST * model.settings.rod.diameter)
+    theta[k] = model.parameters[k].inner(max(size * radius, thinnest))
+    theta[k] = model.at(theta).theta()[k]  # within its range
     there = centre + (radius - model.parameters[k].outer(theta[k])) * outwards
     for name, value in zip((X, Z), there, strict=True):
         theta[model.index(name)] = value
