@@ -14,9 +14,8 @@ from dlo_ros.cli.diagnosis_words import bare, clause, label, off_by
 from dlo_ros.cli.loads import borne
 from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.effects import quantities
-from dlo_ros.identification.estimate import correlations
+from dlo_ros.identification.estimate import COMBINATIONS, correlations
 from dlo_ros.identification.force_scale import words as force_words
-from dlo_ros.identification.identifiability import QUANTITIES as COMBINATIONS
 from dlo_ros.identification.identifiability import (
     enumerated,
     knowledge,
@@ -375,7 +374,7 @@ def _ellipses(found: Identification) -> tuple[list[Ellipse], list[str]]:
         if guesses:
             left_out.setdefault(enumerated(guesses), []).append(" beside ".join(words))
             continue
-        rows = np.array([COMBINATIONS[name][1] for name in pair])
+        rows = np.array([COMBINATIONS[name] for name in pair])
         covariance = rows @ found.estimate.covariance @ rows.T
         if np.all(np.diag(covariance) > LEAST_VARIANCE):
             result.append(Ellipse(words, covariance))

@@ -28,10 +28,15 @@ FINEST = 1e-5  # of the length: no finer simulation is asked for
 OPEN = 1e3  # standard deviation of a logarithm of which nothing at all is known
 RIDGE = 1e-8  # keeps flat directions finite: standard deviation 1e4 of a logarithm
 COMBINATIONS = {
+    "specific_modulus": np.array([1.0, -1.0, 0.0, 0.0]),
     "young_modulus": np.array([1.0, 0.0, 0.0, 0.0]),
     "density": np.array([0.0, 1.0, 0.0, 0.0]),
-    "specific_modulus": np.array([1.0, -1.0, 0.0, 0.0]),
+    "specific_drag": np.array([0.0, -1.0, 1.0, 0.0]),
+    "air_drag": np.array([0.0, 0.0, 1.0, 0.0]),
+    "relaxation_time": np.array([0.0, 0.0, 0.0, 1.0]),
 }
+"""Combinations of the logarithms of `MATERIAL` that are spoken of."""
+ESTIMATED = ("young_modulus", "density", "specific_modulus")
 
 
 @dataclass(frozen=True)
@@ -206,8 +211,8 @@ def std_along(covariance: FloatArray, direction: FloatArray) -> float:
 
 
 def stds(covariance: FloatArray) -> dict[str, float]:
-    """Standard deviations of the logarithms of `COMBINATIONS`."""
-    return {name: std_along(covariance, c) for name, c in COMBINATIONS.items()}
+    """Standard deviations of the logarithms of what is `ESTIMATED`."""
+    return {name: std_along(covariance, COMBINATIONS[name]) for name in ESTIMATED}
 
 
 def bounded(std: float) -> float | None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlo_ros.identification.estimate import (
+    COMBINATIONS,
     Estimate,
     bounded,
     correlations,
@@ -19,15 +20,15 @@ from dlo_ros.identification.estimate import (
 from dlo_ros.inference.thresholds import CLEARLY_LESS, IDENTIFIED
 from dlo_ros.spline import FloatArray
 
-# Combinations of logarithms that are spoken of.
-QUANTITIES = {
-    "specific_modulus": ("E/mu", (1.0, -1.0, 0.0, 0.0)),
-    "young_modulus": ("E", (1.0, 0.0, 0.0, 0.0)),
-    "density": ("mu", (0.0, 1.0, 0.0, 0.0)),
-    "specific_drag": ("c/mu", (0.0, -1.0, 1.0, 0.0)),
-    "air_drag": ("air drag c", (0.0, 0.0, 1.0, 0.0)),
-    "relaxation_time": ("relaxation time t_r", (0.0, 0.0, 0.0, 1.0)),
+WORDS = {
+    "specific_modulus": "E/mu",
+    "young_modulus": "E",
+    "density": "mu",
+    "specific_drag": "c/mu",
+    "air_drag": "air drag c",
+    "relaxation_time": "relaxation time t_r",
 }
+"""Names of `COMBINATIONS` for people."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,7 @@ def knowledge(estimate: Estimate, information: FloatArray) -> list[Knowledge]:
     forces = known_information(settings, weighed=False)
     everything = known_information(settings, weighed=True)
     result = []
-    for name, (words, direction) in QUANTITIES.items():
-        c = np.array(direction)
+    for name, c in COMBINATIONS.items():
         alone, helped, full, before = (
             std_along(inverse(known), c)
             for known in (information, information + forces, information + everything, forces)
@@ -74,7 +74,7 @@ def knowledge(estimate: Estimate, information: FloatArray) -> list[Knowledge]:
             source = "data"
         elif full < IDENTIFIED:
             source = "prior"
-        result.append(Knowledge(name, words, source, bounded(alone), bounded(full)))
+        result.append(Knowledge(name, WORDS[name], source, bounded(alone), bounded(full)))
     return result
 
 
@@ -110,7 +110,7 @@ def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
         )
     found_ = correlations(estimate.covariance)
     return result + [
-        f"{QUANTITIES[a][0]} and {QUANTITIES[b][0]} are traded against each other (correlation "
+        f"{WORDS[a]} and {WORDS[b]} are traded against each other (correlation "
         f"{found_[a, b]:+.3f}): the data fix a combination of them far better than each."
         for a, b in estimate.traded
     ]
