@@ -11,8 +11,8 @@ from dlo_ros.inference.thresholds import FEWEST, MOST_GROSS, OUTLIER
 from dlo_ros.spline import FloatArray
 
 SAME, SLOPE = np.sqrt(2.0 / 1.5), np.sqrt(6.0 / 1.5)
-"""What noise does to the difference from the next picture, and from a slope through the next two,
-over what it does to the difference from the mean of two neighbours."""
+"""Effect of noise on the difference from the next picture, and from a slope through the next two,
+over that on the difference from the mean of two neighbours."""
 
 
 def without_gross(recording: Recording, missed: FloatArray) -> Recording:

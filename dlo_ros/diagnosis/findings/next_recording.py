@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What to record next: the experiment that tells most after a diagnosis."""
+"""Advice: the experiment that tells most after a diagnosis."""
 
 from __future__ import annotations
 
