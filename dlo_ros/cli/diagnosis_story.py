@@ -165,7 +165,7 @@ def _how_wrong(found: Diagnosis, length: float) -> tuple[str, ...]:
         if found.material_err is not None:
             words += f"; less than {mm(found.material_err)} does not matter here"
         sentences.append(f"{words}.")
-    return (*sentences, *found.left_out)
+    return (*sentences, *([found.left_out] if found.left_out else []))
 
 
 def _why(found: Diagnosis) -> tuple[str, ...]:

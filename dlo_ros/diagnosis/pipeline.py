@@ -206,11 +206,17 @@ def _sharper(plain: Evaluation, found: Learned, beginning: Beginning) -> Beginni
         return None
 
 
-def _left_out(beginning: Beginning) -> tuple[str, ...]:
-    """Sentences on the pictures that do not count."""
-    return tuple(
-        f"{r.name}: {number} of {number + len(r.times)} pictures "
-        f"{'does' if number == 1 else 'do'} not count: the observed shape is grossly wrong there."
-        for r, number in zip(beginning.recordings, beginning.left_out, strict=False)
-        if number
+def _left_out(beginning: Beginning) -> str:
+    """A sentence on the pictures that do not count; empty where all do."""
+    pairs = zip(beginning.recordings, beginning.left_out, strict=False)
+    wrong = {r.name: number for r, number in pairs if number}
+    if not wrong:
+        return ""
+    count = sum(wrong.values())
+    total = count + sum(len(r.times) for r in beginning.recordings)
+    where = ", ".join(f"{name} {number}" for name, number in wrong.items())
+    verb = "does" if count == 1 else "do"
+    return (
+        f"{count} of {total} pictures ({where}) {verb} not count: the observed shape is grossly "
+        "wrong there."
     )

@@ -153,7 +153,7 @@ class Diagnosis:
         systematic: errors of the measurement and of the model, by name.
         trace: every candidate of every step of the joint model's search.
         uncertain: causes that not all recordings show for certain.
-        left_out: sentences on pictures that do not count.
+        left_out: sentence on pictures that do not count; empty: all do.
     """
 
     verdict: Verdict
@@ -175,4 +175,4 @@ class Diagnosis:
     systematic: Mapping[str, Number] = field(default_factory=dict)
     trace: tuple[Step, ...] = ()
     uncertain: tuple[NamedEffect, ...] = ()
-    left_out: tuple[str, ...] = ()
+    left_out: str = ""
