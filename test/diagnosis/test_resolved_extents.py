@@ -23,8 +23,9 @@ class Simulated:
          [16, 28, None]),
         ({"connector": {"mass": 0.1, "extent": 0.05}}, [32, 32, None]),
         ({"stiff_segment": {"centre": 0.2, "extent": 0.0, "ratio": 2.0}}, [7, 28, None]),
+        ({"obstacle": {"x": 0.1, "z": -0.2, "radius": 0.002}}, [7, 28, None]),
     ],
-    ids=["nothing", "a point", "a segment", "a plug", "nothing of a segment"],
+    ids=["nothing", "a point", "a segment", "a plug", "nothing of a segment", "a peg"],
 )  # fmt: skip
 def test_spans_resolve_the_shortest_extent(effects, expected):
     settings = PAPER.with_effects(effects)

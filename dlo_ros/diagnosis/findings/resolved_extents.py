@@ -25,12 +25,15 @@ def with_resolved_extents(
 ) -> Sequence[Recording]:
     """The recordings with enough knot spans for the effects of a model.
 
+    What stands at a point of the board, such as a peg, has no extent along the DLO.
+
     Args:
         settings: settings of the model.
     """
     extents = [
         value_of(settings, f"effects.{effect}.{q.name}")
         for effect, block in settings.effects.items()
+        if not any(q.role == "point" for q in quantities(effect).values())
         for q in quantities(effect).values()
         if q.role == "extent" and q.unit == "m" and q.name in block
     ]
