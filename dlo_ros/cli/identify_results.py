@@ -157,7 +157,7 @@ def summary(found: Identification) -> list[str]:
             "with the estimate (mean distance, ERR)"
         )
     lines += force_sentences(found) + alternative_sentences(found)
-    return lines + _set_up(found) + _fit(found) + _model_errors(found)
+    return lines + _set_up(found) + _of_the_fit(found) + _model_errors(found)
 
 
 def _headline(found: Identification) -> str:
@@ -237,13 +237,13 @@ def remarks(found: Identification) -> list[str]:
     result = sentences(found.estimate, found.fitted.information)
     result += force_sentences(found)
     result += alternative_sentences(found)
-    result += _set_up(found) + _fit(found) + _model_errors(found)
+    result += _set_up(found) + _of_the_fit(found) + _model_errors(found)
     if found.fitted.error > 0.0:
         result.append(f"The simulation's own error is {rounded(1e3 * found.fitted.error)} mm.")
     return result
 
 
-def _fit(found: Identification) -> list[str]:
+def _of_the_fit(found: Identification) -> list[str]:
     """Sentences on a fit that has not ended, and on pictures that do not count in it."""
     result = []
     if not found.fitted.converged:
