@@ -124,18 +124,25 @@ def tree(
             },
         }
     if redrawn is not None:
-        ratio = redrawn[:, 0] - redrawn[:, 1]
-        spread = (
-            {
-                "std": float(np.std(ratio, ddof=1) * estimate.specific_modulus),
-                "low": float(np.exp(np.quantile(ratio, 0.025))),
-                "high": float(np.exp(np.quantile(ratio, 0.975))),
-            }
-            if len(ratio) > 1
-            else dict.fromkeys(("std", "low", "high"))
-        )
+        spread = _spread(redrawn[:, 0] - redrawn[:, 1], estimate.specific_modulus)
         result["bootstrap"] = {"draws": len(redrawn), "specific_modulus": spread}
     return result
+
+
+def _spread(logarithms: FloatArray, value: float) -> dict[str, float | None]:
+    """Spread of a quantity over draws; null where fewer than two of them could be fitted.
+
+    Args:
+        logarithms: its logarithm in each of B draws, shape (B,).
+        value: the quantity.
+    """
+    if len(logarithms) < 2:
+        return dict.fromkeys(("std", "low", "high"))
+    return {
+        "std": float(np.std(logarithms, ddof=1) * value),
+        "low": float(np.exp(np.quantile(logarithms, 0.025))),
+        "high": float(np.exp(np.quantile(logarithms, 0.975))),
+    }
 
 
 def summary(found: Identification) -> list[str]:

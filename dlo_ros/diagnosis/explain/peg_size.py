@@ -111,14 +111,14 @@ def resized(at: Evaluation, size: float) -> ParametricModel:
     nearest = away[np.argmin(np.sum(away**2, axis=1))]
     outwards = nearest / np.linalg.norm(nearest)
     k = model.index(RADIUS)
-    theta = model.theta()
+    p, theta = model.parameters[k], model.theta()
     thinnest = min(radius, THINNEST * model.settings.rod.diameter)
-    theta[k] = model.parameters[k].inner(max(size * radius, thinnest))
-    theta[k] = model.at(theta).theta()[k]  # within its range
-    there = centre + (radius - model.parameters[k].outer(theta[k])) * outwards
+    resized_to = p.outer(p.inner(max(size * radius, thinnest)))  # within its range
+    theta[k] = p.inner(resized_to)
+    there = centre + (radius - resized_to) * outwards
     for name, value in zip((X, Z), there, strict=True):
         theta[model.index(name)] = value
-    held = replace(model.parameters[k], centre=float(theta[k]), std=HELD)
+    held = replace(p, centre=float(theta[k]), std=HELD)
     return model.at(theta).with_prior([held])
 
 
