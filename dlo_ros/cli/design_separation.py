@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.cli.design_purpose import PANELS, Presentation, PresentedExperiment, panel
-from dlo_ros.cli.diagnosis_words import mm, title
+from dlo_ros.cli.effect_words import mm, title
 from dlo_ros.effects import quantities
 from dlo_ros.effects.registry import check
 from dlo_ros.effects.start import Block

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from dlo_ros.cli.diagnosis_story import by_share, extends, story
-from dlo_ros.cli.diagnosis_words import clear_side, mm, rows, title
+from dlo_ros.cli.diagnosis_words import clear_side, rows
+from dlo_ros.cli.effect_words import mm, title
 from dlo_ros.cli.results import QUANTITIES, with_std
 from dlo_ros.diagnosis import Diagnosis, Fitted
 from dlo_ros.diagnosis.residuals.relations import sentences

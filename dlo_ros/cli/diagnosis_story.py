@@ -8,15 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.cli.diagnosis_words import (
-    clause,
-    clear_side,
-    either,
-    is_sized,
-    mm,
-    title,
-    values,
-)
+from dlo_ros.cli.diagnosis_words import clear_side, is_sized, values
+from dlo_ros.cli.effect_words import clause, either, mm, title
 from dlo_ros.cli.error_places import places, spread
 from dlo_ros.cli.set_up_table import is_far_off, labels_of, set_up_is_off, setup_lines
 from dlo_ros.diagnosis import Diagnosis, NamedEffect

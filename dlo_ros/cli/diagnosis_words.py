@@ -1,20 +1,26 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Effects and their numbers as text for people: sentences, degrees, millimetres, grams."""
+"""Effects that a diagnosis names, with all their numbers, as text for people."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
+from dlo_ros.cli.effect_words import (
+    amount,
+    bare,
+    clause,
+    component,
+    interval,
+    quantity_of,
+    readable,
+    sided,
+)
 from dlo_ros.diagnosis import NamedEffect, Number
-from dlo_ros.effects import Quantity, effects, quantities
-from dlo_ros.errors import ParameterError
-from dlo_ros.report.elements import measured, millimetres, number
+from dlo_ros.effects import Quantity, effects
+from dlo_ros.report.elements import number
 
-AXES = {2: "xz", 3: "xyz"}
-"""Names of the components of a vector, by their number, where its parameter has none."""
 SPATIAL = 3
 """Components of a vector in space, each of which is named by its axis."""
 ENDS = ("start", "end")
@@ -22,30 +28,6 @@ SIZES = ("size", "angle", "ratio")
 """Roles of the numbers that say how much there is of an effect."""
 CLEAR_STDS = 2.0
 """Standard deviations from neutral, below which a size may as well be none."""
-SMALL = 1.0
-"""Mass [kg] or time [s] below which it is printed in thousandths."""
-
-
-def title(effect: str, side: str = "") -> str:
-    """Title of an effect.
-
-    Args:
-        side: word for the side of neutral on which it is; empty: not known.
-    """
-    known = effects().get(effect)
-    return known.called(side) if known else effect.replace("_", " ")
-
-
-def clause(effect: str, side: str = "") -> str:
-    """Clause on an effect; its name where the effect is not known (any more).
-
-    Args:
-        side: word for the side of neutral on which it is; empty: not known.
-    """
-    known = effects().get(effect)
-    if known is None:
-        return f"there is an effect of {effect.replace('_', ' ')}"
-    return known.report_phrase(side)
 
 
 def _is_clear(value: float, std: float, q: Quantity) -> bool:
@@ -64,104 +46,13 @@ def _is_beside(value: float, std: float, q: Quantity) -> bool:
 def clear_side(effect: NamedEffect) -> str:
     """Word for the side of neutral on which an effect clearly is; empty: there is none."""
     for key, n in effect.parameters.items():
-        q = _quantity(effect.name, key)
+        q = quantity_of(effect.name, key)
         if q is None or isinstance(n.value, tuple) or isinstance(n.std, tuple):
             continue
         side = q.side(n.value)
         if side and (n.std is None or _is_beside(n.value, n.std, q)):
             return side
     return ""
-
-
-def amount(value: float, std: float | None, unit: str, *, sparing: bool = True) -> str:
-    """A number with its standard deviation in readable units, to as many digits; see `measured`."""
-    factor, shown = _units(value, unit)
-    if std is None or not math.isfinite(std) or std <= 0.0:
-        return f"{number(factor * value)} +- unknown {shown}".rstrip()
-    return measured(factor * value, factor * std, shown, sparing=sparing)
-
-
-def bare(value: float, unit: str) -> str:
-    """A number in readable units, such as a tolerance; without a unit in per cent."""
-    factor, shown = _units(value, unit) if unit else (100.0, "%")
-    return number(factor * value, shown, 2)
-
-
-def _range(first: float, last: float, unit: str) -> str:
-    """Two numbers in the readable unit of the larger one."""
-    factor, shown = _units(max(abs(first), abs(last)), unit) if unit else (100.0, "%")
-    return f"{number(factor * first, digits=2)} to {number(factor * last, shown, 2)}"
-
-
-def _units(value: float, unit: str) -> tuple[float, str]:
-    """Readable unit for a value in an SI unit: its factor and name."""
-    if unit == "rad":
-        return 180.0 / math.pi, "degrees"
-    if unit == "m":
-        return 1e3, "mm"
-    if unit in ("kg", "s") and abs(value) < SMALL:
-        return 1e3, {"kg": "g", "s": "ms"}[unit]
-    return 1.0, unit
-
-
-def off_by(
-    value: float, std: float | None, effect: str, key: str, index: int | None = None, count: int = 1
-) -> str:
-    """Difference of a number from its expected value, such as 2.1 +- 0.3 mm shorter.
-
-    Without a unit it is in per cent; a sign tells the side where there is no word for it.
-
-    Args:
-        value, std: the number and its standard deviation.
-        effect, key: names of the effect and of its parameter.
-        index: index of the number in a parameter of several; None: it is the only one.
-        count: how many numbers the parameter has.
-    """
-    q = _quantity(effect, key)
-    neutral, unit = (q.neutral, q.unit) if q else (0.0, "")
-    if unit:
-        return _sided(value - neutral, std, unit, q.side(value, index, count) if q else "")
-    percentage = None if std is None else 100.0 * std
-    side = q.side(value, index, count) if q else ""
-    return _sided(100.0 * (value - neutral), percentage, "%", side)
-
-
-def _sided(value: float, std: float | None, unit: str, side: str) -> str:
-    """A number with the word for its side in the place of its sign, where there is one."""
-    return f"{amount(abs(value), std, unit)} {side}" if side else amount(value, std, unit)
-
-
-def label(name: str, count: int = 1) -> str:
-    """A number of the set-up, `EFFECT.KEY` or `EFFECT.KEY[I]`, in words.
-
-    Args:
-        count: number of values that KEY has.
-    """
-    effect, _, full = name.partition(".")
-    key, _, index = full.partition("[")
-    words = [title(effect)]
-    q = _quantity(effect, key)
-    known = effects().get(effect)
-    of_plane = [] if known is None else [other for other in known.quantities() if not other.spatial]
-    if q is not None and (len(of_plane) > 1 or q.spatial):
-        words.append(q.description.split(":")[0].split(",")[0])
-    if index:
-        words.append(_component(q, int(index.rstrip("]")), count))
-    return ", ".join(dict.fromkeys(words))
-
-
-def _component(q: Quantity | None, index: int, count: int) -> str:
-    if q is not None and q.counts:
-        axes = q.axes or AXES.get(count, "")
-        return axes[index] if axes else str(index + 1)
-    return f"{index + 1} of {count} along u"
-
-
-def _quantity(effect: str, key: str) -> Quantity | None:
-    try:
-        return quantities(effect).get(key)
-    except ParameterError:
-        return None
 
 
 def values(effect: NamedEffect, length: float) -> str:
@@ -180,7 +71,7 @@ def values(effect: NamedEffect, length: float) -> str:
 
 def _is_faint(effect: str, key: str, n: Number) -> bool:
     """Whether a number tells of a form only, such as how tapered an end is, and may be neutral."""
-    q = _quantity(effect, key)
+    q = quantity_of(effect, key)
     if q is None or q.role != "extent" or q.unit or not isinstance(n.value, float):
         return False
     return isinstance(n.std, float) and not _is_clear(n.value, n.std, q)
@@ -194,13 +85,13 @@ def rows(effect: NamedEffect, length: float) -> list[tuple[str, str, str]]:
     """
     table = []
     for key, n in effect.parameters.items():
-        q = _quantity(effect.name, key)
+        q = quantity_of(effect.name, key)
         meaning = q.description if q else ""
         several = isinstance(n.value, tuple)
         found = n.value if isinstance(n.value, tuple) else (n.value,)
         stds = n.std if isinstance(n.std, tuple) else (n.std,) * len(found)
         for k, (value, std) in enumerate(zip(found, stds, strict=True)):
-            name = f"{key}, {_component(q, k, len(found))}" if several else key
+            name = f"{key}, {component(q, k, len(found))}" if several else key
             shown = _known(value, std, n.unit, q, length, sparing=False)
             if n.own:
                 shown = ", ".join(f"{bare(x, n.unit)} in {name}" for name, x in n.own.items())
@@ -240,7 +131,7 @@ def is_sized(effect: NamedEffect, length: float) -> bool:
         return True
     sizes = []
     for key, n in effect.parameters.items():
-        q = _quantity(effect.name, key)
+        q = quantity_of(effect.name, key)
         if q is None or q.role not in SIZES or not q.is_strength:
             continue
         found = n.value if isinstance(n.value, tuple) else (n.value,)
@@ -266,8 +157,8 @@ def _known(
     percentage = q is not None and q.role == "size" and not unit
     factor, shown = (100.0, "%") if percentage else (1.0, unit)
     if not is_determined(value, std, q, length):
-        scale, readable = _units(value, shown)
-        fitted = f" ({number(scale * factor * value, readable, 2)} in the file)"
+        scale, unit_shown = readable(value, shown)
+        fitted = f" ({number(scale * factor * value, unit_shown, 2)} in the file)"
         return f"not determined{'' if sparing else fitted}"
     std = None if std is None else factor * std
     return amount(factor * value, std, shown, sparing=sparing)
@@ -281,13 +172,13 @@ def _value(effect: str, key: str, n: Number, length: float, said: str) -> str:
         said: word for its side that the clause before already has; empty: there is none.
     """
     words = key.replace("_", " ")
-    q = _quantity(effect, key)
+    q = quantity_of(effect, key)
     if q is not None and q.role == "place":
         words = "at" if n.unit == "s" else "at u ="
     elif key in ENDS:
         words = f"at the {key}"
     if n.own:
-        return f"{words} {_range(min(n.own.values()), max(n.own.values()), n.unit)}"
+        return f"{words} {interval(min(n.own.values()), max(n.own.values()), n.unit)}"
     if not isinstance(n.value, tuple):
         assert n.std is None or isinstance(n.std, float)
         side = q.side(n.value) if q is not None and not q.neutral else ""
@@ -304,20 +195,10 @@ def _value(effect: str, key: str, n: Number, length: float, said: str) -> str:
         for k, (v, s) in enumerate(zip(n.value, stds, strict=True)):
             side = q.side(v, k, len(n.value))
             plain = side and len(n.value) < SPATIAL  # the side tells the axis of the plane
-            axis = "" if plain else f"{_component(q, k, len(n.value))} "
-            parts.append(f"{axis}{_sided(v, s, n.unit, side)}")
+            axis = "" if plain else f"{component(q, k, len(n.value))} "
+            parts.append(f"{axis}{sided(v, s, n.unit, side)}")
         return f"{words} {', '.join(parts)}"
     low, high = min(n.value), max(n.value)
     known = [s for s in stds if s is not None and math.isfinite(s)]
     each = f", each +- {number(float(np.median(known)), digits=1)}" if known else ""
     return f"{words} from {number(low, digits=2)} to {number(high, digits=2)} {n.unit}{each}"
-
-
-def either(phrases: Sequence[str]) -> str:
-    """Text that joins phrases of which one holds."""
-    return "; or ".join(phrases)
-
-
-def mm(metres: float | None, digits: int = 2) -> str:
-    """A length in millimetres, to two digits unless more are wanted."""
-    return "unknown" if metres is None else millimetres(metres, digits=digits)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dlo_ros.cli.diagnosis_words import mm
+from dlo_ros.cli.effect_words import mm
 from dlo_ros.diagnosis import RecordingView
 from dlo_ros.inference.weighted_quantiles import weighted_quantiles
 from dlo_ros.report.worst_frame import is_lasting, worst_err, worst_frame

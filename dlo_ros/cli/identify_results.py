@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dlo_ros.cli.diagnosis_words import bare, clause, label, off_by
+from dlo_ros.cli.effect_words import bare, clause, label, off_by
 from dlo_ros.cli.loads import borne
 from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.effects import quantities

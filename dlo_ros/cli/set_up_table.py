@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from dlo_ros.cli.diagnosis_words import amount, bare, label, off_by
+from dlo_ros.cli.effect_words import amount, bare, label, off_by
 from dlo_ros.diagnosis import Diagnosis, SetupNumber
 from dlo_ros.effects import quantities
 from dlo_ros.inference.parameter import split_name

@@ -5,15 +5,8 @@ import numpy as np
 import pytest
 from diagnoses import KNOWN
 
-from dlo_ros.cli.diagnosis_words import (
-    amount,
-    clause,
-    label,
-    off_by,
-    rows,
-    title,
-    values,
-)
+from dlo_ros.cli.diagnosis_words import rows, values
+from dlo_ros.cli.effect_words import amount, clause, label, off_by, title
 from dlo_ros.diagnosis import NamedEffect, Number
 from dlo_ros.effects import effects
 from dlo_ros.report.elements import measured, percent
