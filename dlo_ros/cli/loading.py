@@ -35,7 +35,6 @@ from dlo_ros.recordings import topics
 from dlo_ros.recordings.camera_bags import count_images
 from dlo_ros.recordings.read import BagContents, read_recording
 from dlo_ros.rod.boundary.shape_orientation import all_along, runs_backwards
-from dlo_ros.rod.compile_rod import compile_kernels
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -162,11 +161,10 @@ def load_information(path: Path) -> FloatArray:
 
 
 def prepare() -> None:
-    """Compile the model, or load it from the cache; progress of a long wait is printed on
+    """Compile the model where that has not been done; progress of a long wait is printed on
     stderr.
     """
     compile_first(("rod",), lambda text: print(text, file=sys.stderr))
-    compile_kernels()
 
 
 def load_manipulation(path: Path, settings: Settings) -> Manipulation:

@@ -48,8 +48,9 @@ from dlo_ros.spline import FloatArray
 EFFECTS = {Obstacle.name, StraightWall.name}
 RADII = (0.012, 0.006, 0.024)
 """Radii of the pegs that are tried, from a nail to a pipe [m]; the fit finds the true one."""
-SIMULATED, DISTANCE = 20, 0.02
-"""Number of places that are simulated, and their smallest distance over the length."""
+SIMULATED, DISTANCE = 80, 0.02
+"""Number of places that are simulated, and their smallest distance over the length: beside a cause
+that is not known yet, where a peg stands shows by what the DLO does after it alone."""
 GROUPS = 2
 """Sets of recordings that a peg may explain, of which places are simulated."""
 FITTED = 3
@@ -201,7 +202,8 @@ def _contacts(
 def _best_pegs(hit: _Disturbed) -> list[tuple[float, TouchedPeg]]:
     """The pegs that leave least, apart from each other."""
     distance = DISTANCE * hit.given.rod.length
-    some = [p for group in _likely(hit.view)[:GROUPS] for p in apart(group, distance, SIMULATED)]
+    groups = [[p.peg for p in group] for group in _likely(hit.view)[:GROUPS]]
+    some = [peg for group in groups for peg in apart(group, distance, SIMULATED)]
     return sorted(hit.losses(some), key=lambda t: t[0])[:FITTED]
 
 
@@ -215,13 +217,14 @@ def _best_walls(hit: _Disturbed) -> list[tuple[float, TouchedWall]]:
 
 def plausible_pegs(view: Sight) -> list[Start]:
     """The likeliest pegs by geometry alone, without a simulation."""
-    length = view.rod.length
-    best = apart([p for group in _likely(view) for p in group], DISTANCE * length, BEGUN)
+    most = SMALL_SHARE * view.count  # that a place explains less than the best one of its group
+    likely = [p.peg for g in _likely(view) for p in g if p.left <= g[0].left + most]
+    best = apart(likely, DISTANCE * view.rod.length, BEGUN)
     return [replace(p.start(view.rod.diameter), form=f"peg {k}") for k, p in enumerate(best, 1)]
 
 
-def _likely(view: Sight) -> list[list[TouchedPeg]]:
-    """The pegs that explain most of the outlier frames where they stand in the way.
+def _likely(view: Sight) -> list[list[Place]]:
+    """Places of pegs that may explain most of the outlier frames, the likeliest of a group first.
 
     In a recording in which the DLO does not come near them something else is wrong. So there is a
     group for each set of recordings that a peg may explain, which are told apart by the number of
@@ -236,6 +239,5 @@ def _likely(view: Sight) -> list[list[TouchedPeg]]:
         best = group[0]
         others = view.count - best.met
         if best.met and best.left - others <= UNEXPLAINED_PICTURES * best.met:
-            most = best.left + SMALL_SHARE * view.count
-            result.append([p.peg for p in group if p.left <= most])
+            result.append(group)
     return result

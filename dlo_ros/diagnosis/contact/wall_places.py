@@ -101,16 +101,22 @@ def tangent(view: Sight, angle: float) -> TouchedWall:
 
 
 def _farthest(view: Sight, across: FloatArray, edge: float) -> float:
-    """Smallest coordinate along its normal that a wall may have [m].
+    """Smallest coordinate along its normal that a wall may have [m]; infinite where none may stand.
+
+    In a recording whose prediction does not come near the wall something else is wrong, but not in
+    those that hold most of the outlier frames.
 
     Args:
         edge: coordinate that the observed shapes reach [m].
     """
-    result = -np.inf
+    result, explained = -np.inf, 0
     for seen, expected, wrong in zip(view.seen, view.expected, view.wrong, strict=True):
         if not wrong.any():
             continue
         moves = np.abs(np.diff((seen @ across).min(axis=1)))
         met = float((expected[: int(np.argmax(wrong)) + 1] @ across).min())
+        if met > edge + SLACK:
+            continue
+        explained += int(wrong.sum())
         result = max(result, met, edge - float(moves.max(initial=0.0)))
-    return result
+    return result if 2 * explained >= view.count else np.inf
