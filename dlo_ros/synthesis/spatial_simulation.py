@@ -21,11 +21,9 @@ from dlo_ros.synthesis.discrete_rod import DiscreteRod
 from dlo_ros.synthesis.rod_simulation import Change, equal_steps
 from dlo_ros.synthesis.spatial_boundary import SpatialBoundary
 from dlo_ros.synthesis.spatial_descent import (
-    GYRATION,
-    largest_of,
+    fallen,
     minimise,
-    newton_direction,
-    way_out,
+    turn_until_none_is_left,
 )
 from dlo_ros.synthesis.spatial_energy import (
     Drag,
@@ -41,17 +39,12 @@ from dlo_ros.synthesis.spatial_rod import (
     angle_between,
     carried,
     cleaned,
+    cross,
     edges_of,
+    first_director,
     laid,
 )
 from dlo_ros.synthesis.spatial_rod_kernels import DOF
-
-MOST_STEPS = 4000  # on the way to an equilibrium
-SHORTEST = 1e-9  # [s] of pseudo time, below which nothing goes downhill any more
-RESTING = 1e-9  # [m] of a step that means nothing any more
-PUSHES = 3  # off unstable equilibria
-MOST_TURNS = 30  # of the end, until the first shape is free of twist
-UNTWISTED = 1e-9  # [rad] of twist between the ends that may be left at the start
 
 
 class SpatialSimulation:
@@ -170,7 +163,7 @@ class SpatialSimulation:
             for factor in np.geomspace(softest, 1.0, 3 if softest < 1.0 else 1):
                 coarse._fall(replace(rod, stretch_stiffness=factor * rod.stretch_stiffness), local)
             if every == 1:
-                coarse._untwist(rod, local)
+                coarse._lie_as_laid(rod, local)
             self.x = CubicSpline(rod.u, coarse.x)(full.u)
             boundary.impose(self.x)
             self.director, self.ends = coarse.director, coarse.ends
@@ -178,19 +171,37 @@ class SpatialSimulation:
         self._rest()
         return self.x
 
-    def _untwist(self, rod: SpatialRod, boundary: SpatialBoundary) -> None:
-        """Turn the end about itself until no twist is left between the ends, at rest."""
-        if not self.ends.held.all():
-            return
-        for _ in range(MOST_TURNS):
+    def _lie_as_laid(self, rod: SpatialRod, boundary: SpatialBoundary) -> None:
+        """Come to rest without twist between both clamps, or, where no clamp holds the rod, with
+        the first director of a rod that is laid in this direction.
+
+        While a rod falls, its first edge changes its direction without spin.
+        """
+
+        def between() -> float:
             _, strain = strains(self._shape, rod.lengths, self.ends)
-            left = float(np.sum(strain[:, 2]))
-            if abs(left) < UNTWISTED:
-                return
+            return float(np.sum(strain[:, 2]))
+
+        def turn_end(angle: float) -> None:
             tangent, director = self.ends.tangent[1], self.ends.director[1]
-            turned = np.cos(left) * director - np.sin(left) * np.cross(tangent, director)
+            turned = np.cos(angle) * director - np.sin(angle) * np.cross(tangent, director)
             self.ends = self.ends._replace(director=np.vstack([self.ends.director[0], turned]))
             self._fall(rod, boundary)
+
+        def from_first() -> float:
+            tangent, _ = edges_of(self.x[:2])
+            first = first_director(tangent[0])
+            return float(angle_between(self.director[:1], first[None], tangent)[0])
+
+        def turn(angle: float) -> None:
+            turned = np.sin(angle) * cross(edges_of(self.x)[0], self.director)
+            self.director = np.cos(angle) * self.director + turned
+            self._fall(rod, boundary)
+
+        if self.ends.held.all():
+            turn_until_none_is_left(between, turn_end)
+        elif not self.ends.held.any():
+            turn_until_none_is_left(from_first, turn)
 
     def settle_here(self) -> FloatArray:
         """Come to rest under the present boundary and twist, downhill from here.
@@ -225,39 +236,8 @@ class SpatialSimulation:
         )  # fmt: skip
 
     def _fall(self, rod: SpatialRod, boundary: SpatialBoundary) -> None:
-        """Follow the potential downhill: steps of growing pseudo time, at last Newton's."""
-        potential, none = self._at_rest(rod, boundary), np.zeros(len(rod.lengths))
-        mass = _inertia(rod)
-        rounding = 1e-12 * float(np.sum(np.abs(rod.weight))) * rod.u[-1] + 1e-16
-        limit, shape, h = 0.2 * float(np.min(rod.lengths)), self._shape, 1e-3
-        value, gradient, band = evaluate(shape, none, potential)
-        pushes, largest = 0, np.inf
-        for _ in range(MOST_STEPS):
-            change = newton_direction(gradient, band, mass / h**2)
-            if change is None and largest < RESTING and pushes < PUSHES:
-                # It rests where it is unstable: no way leads downhill without a push.
-                push = way_out(band, rod.u[-1])
-                if push is not None:
-                    shape, h, pushes = moved(shape, limit * push), 1e-3, pushes + 1
-                    value, gradient, band = evaluate(shape, none, potential)
-                    continue
-            if change is not None:
-                largest = largest_of(change, rod.u[-1])
-                trial = moved(shape, change * (limit / max(largest, limit)))
-                after, slope, stiff = evaluate(trial, none, potential)
-                if after <= value + rounding + 1e-12 * abs(value):
-                    shape, value, gradient, band = trial, after, slope, stiff
-                    if h > 1e3 and largest < RESTING:
-                        self.x, self.director = shape
-                        return
-                    h *= 1.6
-                    continue
-            h *= 0.3
-            if h < SHORTEST:
-                break
-        raise SimulationError(
-            "the rope found no stable equilibrium from its initial shape; give a shape that sags"
-        )
+        """Follow the potential downhill to where the rod rests."""
+        self.x, self.director = fallen(self._shape, self._at_rest(rod, boundary), rod)
 
     def advance(self, until: float) -> FloatArray:
         """Step to a later time [s].
@@ -386,10 +366,3 @@ def _bending(rod: SpatialRod, ends: EndFrames) -> dict[str, Any]:
         "offset": np.einsum("nab,nb->na", stiffness, rest),
         "softening": softening,
     }
-
-
-def _inertia(rod: SpatialRod) -> FloatArray:
-    """Pseudo inertia of each degree of freedom on the way to an equilibrium, shape (4 (N + 1),)."""
-    result = np.repeat(rod.mass[:, None], DOF, axis=1)
-    result[:, 3] *= (GYRATION * rod.u[-1]) ** 2
-    return result.ravel()

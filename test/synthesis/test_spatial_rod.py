@@ -9,9 +9,7 @@ from scipy.integrate import solve_bvp, solve_ivp
 from scipy.linalg import eig_banded
 from scipy.spatial.transform import Rotation
 
-from dlo_ros.errors import SimulationError
 from dlo_ros.parameters import DampingParameters, RodParameters
-from dlo_ros.synthesis import spatial_simulation
 from dlo_ros.synthesis.discrete_rod import DiscreteRod
 from dlo_ros.synthesis.rod_laws import Contact
 from dlo_ros.synthesis.spatial_boundary import SpatialBoundary
@@ -376,10 +374,3 @@ def test_turning_a_clamp_twists_the_rod_by_full_turns():
     simulation.settle()
     simulation.advance(1.0)
     np.testing.assert_allclose(simulation.twist, 9.0 * (1.0 - rod.u / 0.4), atol=2e-3)
-
-
-def test_a_rod_without_an_equilibrium_is_told(monkeypatch):
-    monkeypatch.setattr(spatial_simulation, "MOST_STEPS", 100)
-    rod = rod_in_space(20)
-    with pytest.raises(SimulationError, match="no stable equilibrium"):
-        SpatialSimulation(rod, lambda _: SpatialBoundary({}), straight(rod)).settle()
