@@ -12,7 +12,7 @@ from dlo_ros.diagnosis.contact.wall_places import TouchedWall, tangent, walls
 
 ROD = PAPER.rod
 DROP = 0.004
-"""Of the level rope in the pictures below, from one to the next [m]."""
+"""Drop of the level rope from one picture below to the next [m]."""
 HEIGHT = -0.05
 
 
