@@ -22,7 +22,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from dlo_ros.cli.diagnosis_words import mm
+from dlo_ros.cli.effect_words import mm
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.cli.main import main as dlo_ros
 from dlo_ros.errors import DloError
