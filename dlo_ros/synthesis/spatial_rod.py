@@ -134,6 +134,11 @@ def carried(director: FloatArray, before: FloatArray, after: FloatArray) -> Floa
     return np.asarray(cleaned(turned[None], after[None])[0])
 
 
+def turned_about(director: FloatArray, tangent: FloatArray, angle: float) -> FloatArray:
+    """Directors turned about unit tangents by an angle [rad], shapes (n, 3)."""
+    return np.asarray(np.cos(angle) * director + np.sin(angle) * cross(tangent, director))
+
+
 def first_director(tangent: FloatArray) -> FloatArray:
     """The material director of a rod without a clamp: y, or z, made normal to a tangent (3,)."""
     axis = np.eye(3)[1] if abs(tangent[1]) < STEEP else np.eye(3)[2]

@@ -39,10 +39,10 @@ from dlo_ros.synthesis.spatial_rod import (
     angle_between,
     carried,
     cleaned,
-    cross,
     edges_of,
     first_director,
     laid,
+    turned_about,
 )
 from dlo_ros.synthesis.spatial_rod_kernels import DOF
 
@@ -180,12 +180,12 @@ class SpatialSimulation:
 
         def between() -> float:
             _, strain = strains(self._shape, rod.lengths, self.ends)
-            return float(np.sum(strain[:, 2]))
+            return -float(np.sum(strain[:, 2]))
 
         def turn_end(angle: float) -> None:
-            tangent, director = self.ends.tangent[1], self.ends.director[1]
-            turned = np.cos(angle) * director - np.sin(angle) * np.cross(tangent, director)
-            self.ends = self.ends._replace(director=np.vstack([self.ends.director[0], turned]))
+            director = self.ends.director.copy()
+            director[1:] = turned_about(director[1:], self.ends.tangent[1:], angle)
+            self.ends = self.ends._replace(director=director)
             self._fall(rod, boundary)
 
         def from_first() -> float:
@@ -194,8 +194,7 @@ class SpatialSimulation:
             return float(angle_between(self.director[:1], first[None], tangent)[0])
 
         def turn(angle: float) -> None:
-            turned = np.sin(angle) * cross(edges_of(self.x)[0], self.director)
-            self.director = np.cos(angle) * self.director + turned
+            self.director = turned_about(self.director, edges_of(self.x)[0], angle)
             self._fall(rod, boundary)
 
         if self.ends.held.all():

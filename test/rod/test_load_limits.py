@@ -82,7 +82,8 @@ def test_a_free_straight_dlo_has_no_grips_and_no_radius():
 def test_reports_show_what_was_borne():
     rows = (LoadRow("lift <1>", 1.234, 0.0567, 2.5, None), LoadRow("rest", 0.1, 4e5, None, 0.1))
     shown = loads_table(rows)
-    assert "lift &lt;1&gt;" in shown and "1.2" in shown and "56.7" in shown and "straight" in shown
+    assert "lift &lt;1&gt;" in shown and "<td>1.2 N</td>" in shown
+    assert "<td>56.7 mm</td>" in shown and "straight" in shown
     report = IdentificationReport("t", "h", (), (), loads=rows)
     assert "Largest loads in the recordings" in identification_page(report)
     bare = IdentificationReport("t", "h", (), ())

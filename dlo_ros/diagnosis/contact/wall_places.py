@@ -113,10 +113,10 @@ def _farthest(view: Sight, across: FloatArray, edge: float) -> float:
     for seen, expected, wrong in zip(view.seen, view.expected, view.wrong, strict=True):
         if not wrong.any():
             continue
-        moves = np.abs(np.diff((seen @ across).min(axis=1)))
         met = float((expected[: int(np.argmax(wrong)) + 1] @ across).min())
         if met > edge + SLACK:
             continue
         explained += int(wrong.sum())
+        moves = np.abs(np.diff((seen @ across).min(axis=1)))
         result = max(result, met, edge - float(moves.max(initial=0.0)))
     return result if 2 * explained >= view.count else np.inf
