@@ -42,6 +42,9 @@ CASES = {
         "twisted", {"intrinsic_curvature": {"across": (3.0, -2.0, 4.0)}}),
     "anisotropy": ("swung", {"anisotropy": {"ratio": 3.0, "angle": 0.6}}),
     "anisotropy, both held": ("twisted", {"anisotropy": {"ratio": 4.0, "angle": -0.5}}),
+    "anisotropy, with a plug": (
+        "swung",
+        {"anisotropy": {"ratio": 3.0, "angle": 0.6}, "connector": {"mass": 0.0, "extent": 0.05}}),
     "twisting_stiffness": ("twisted", {"twisting_stiffness": {"ratio": 3.0}}),
     "constant_force": ("swung", {"constant_force": {"x": 0.03, "y": 0.06, "z": 0.02}}),
     "quadratic_drag": ("swung", {"quadratic_drag": {"coefficient": 1.0}}),
@@ -61,7 +64,9 @@ def without(manipulation):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("case", some_of(CASES, ["anisotropy", "grip_angle", "twisting_stiffness"]))
+@pytest.mark.parametrize(
+    "case", some_of(CASES, ["anisotropy, with a plug", "grip_angle", "twisting_stiffness"])
+)
 def test_it_moves_as_the_discrete_rod_does(case):
     manipulation, given = CASES[case]
     found, _ = compare(

@@ -70,8 +70,8 @@ def _levelled(m, contrast):
         least = min(least, max(bend[e, 0], bend[e, 1]))
     for e in range(bend.shape[0]):
         by = max(max(bend[e, 0], bend[e, 1]) / (contrast * least), 1.0)
-        bend[e, 0] /= by
-        bend[e, 1] /= by
+        for c in range(3):  # 11, 22 and 12
+            bend[e, c] /= by
     levelled = Stiffness(s.stretch, s.stretch_rest, bend, s.bend_rest, s.twist, s.twist_rest)
     return Material(
         levelled, m.damping, m.bend_rest, m.law, m.around, m.internal, m.keep, m.gain
