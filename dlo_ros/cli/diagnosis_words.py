@@ -171,10 +171,10 @@ def _value(effect: str, key: str, n: Number, length: float, said: str) -> str:
         length: length of the DLO [m].
         said: word for its side that the clause before already has; empty: there is none.
     """
-    words = key.replace("_", " ")
+    words, where = key.replace("_", " "), ""
     q = quantity_of(effect, key)
     if q is not None and q.role == "place":
-        words = "at" if n.unit == "s" else "at u ="
+        words, where = "at", "" if n.unit == "s" else " from the start"
     elif key in ENDS:
         words = f"at the {key}"
     if n.own:
@@ -183,8 +183,10 @@ def _value(effect: str, key: str, n: Number, length: float, said: str) -> str:
         assert n.std is None or isinstance(n.std, float)
         side = q.side(n.value) if q is not None and not q.neutral else ""
         shown = _known(abs(n.value) if side else n.value, n.std, n.unit, q, length)
-        if not side or not is_determined(n.value, n.std, q, length):
-            return f"{words} {shown}"
+        if not is_determined(n.value, n.std, q, length):
+            return f"{'where' if where else words} {shown}"
+        if not side:
+            return f"{words} {shown}{where}"
         if side == said:
             return f"by {shown}"
         # The side tells which number it is, but for those of the two ends.

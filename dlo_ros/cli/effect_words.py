@@ -12,6 +12,8 @@ from dlo_ros.report.elements import measured, millimetres, number
 
 AXES = {2: "xz", 3: "xyz"}
 """Names of the components of a vector, by their number, where its parameter has none."""
+ALONG = {0.0: "at the start", 0.5: "in the middle", 1.0: "at the end"}
+"""Places along the DLO that have a word, by their share of the length from its start."""
 SMALL = 1.0
 """Mass [kg] or time [s] below which it is printed in thousandths."""
 
@@ -129,7 +131,8 @@ def component(q: Quantity | None, index: int, count: int) -> str:
     if q is not None and q.counts:
         axes = q.axes or AXES.get(count, "")
         return axes[index] if axes else str(index + 1)
-    return f"{index + 1} of {count} along u"
+    share = index / max(count - 1, 1)
+    return ALONG.get(share, f"at {100.0 * share:.0f} % of the length")
 
 
 def quantity_of(effect: str, key: str) -> Quantity | None:

@@ -49,12 +49,13 @@ def places(views: Sequence[RecordingView], length: float) -> list[str]:
     k = int(np.argmax(along))
     sentences = []
     if along[k] > UNEVEN_ERROR * along.mean():
+        place = f"{1e3 * u[k]:.0f} of {1e3 * length:.0f} mm from the start"
         sentences.append(
-            f"Along the DLO it is most wrong {_place(u[k] / length)} (at {1e3 * u[k]:.0f} of "
-            f"{1e3 * length:.0f} mm from the start), by {mm(float(along[k]))} (root mean square)."
+            f"Along the DLO (the cable, rope or hose) it is most wrong {_place(u[k] / length)} "
+            f"(at {place}), by {mm(float(along[k]))} (root mean square)."
         )
     else:
-        sentences.append("It is about as wrong all along the DLO.")
+        sentences.append("It is about as wrong all along the DLO (the cable, rope or hose).")
     worst = max(views, key=lambda v: worst_err(v.err_before))
     frame = worst_frame(worst.err_before)
     error = float(worst.err_before[frame])

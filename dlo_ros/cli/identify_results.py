@@ -200,7 +200,7 @@ def _set_up(found: Identification) -> list[str]:
             parameter = f"{effect}.{key}"
             values = [v for n, (v, _) in numbers.items() if split_name(n)[:2] == (effect, key)]
             span = f"from {number(min(values), digits=2)} to {number(max(values), q.unit, 2)}"
-            off[parameter] = f"{label(parameter)} {span} along u"
+            off[parameter] = f"{label(parameter)} {span} along the DLO"
         else:
             words = label(name.removeprefix(EFFECTS_PREFIX), count)
             off[name] = f"{words} {off_by(value, std, effect, key, index, count)}"

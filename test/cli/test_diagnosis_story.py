@@ -48,8 +48,8 @@ def test_how_wrong_why_and_what_is_gained():
     assert "2.4 mm off on average (0.60 % of the length), on data that were not used" in wrong
     assert "0.10 mm off; less than 0.20 mm does not matter" in wrong
     assert why == (
-        "Certain (71 % of the error): a mass is fixed to the DLO (mass 31 +- 2 g, at u = "
-        "250 +- 4 mm)."
+        "Certain (71 % of the error): a mass is fixed to the DLO (mass 31 +- 2 g, at "
+        "250 +- 4 mm from the start)."
     )
     assert "2.4 mm before, 0.63 mm after, 74 % less (95 % interval 60 to 81 %)" in gain
     assert "That is still more than the 0.20 mm that do not matter. Fitted to these data as" in gain
