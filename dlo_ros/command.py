@@ -140,7 +140,7 @@ class Command:
         Args:
             angle: [rad].
         """
-        q = self._clamp_rotations()
+        q = self.clamp_rotations
         cosine = np.einsum("tkc,tkc->tk", q[1:], q[:-1])
         turned = 2.0 * np.arccos(np.minimum(cosine, 1.0)).max(axis=1, initial=0.0)
         parts = np.maximum(np.ceil(turned / angle - 1e-6), 1.0).astype(int)
@@ -228,13 +228,14 @@ class Command:
         smooth = given.all(axis=2, keepdims=True)
         arriving = np.where(smooth, self.velocities[1:], slope)
         leaving = np.where(smooth, self.velocities[:-1], slope)
-        turning = 2.0 * np.diff(self._clamp_rotations(), axis=0) / h[:, None, None]
+        turning = 2.0 * np.diff(self.clamp_rotations, axis=0) / h[:, None, None]
         shorter = np.minimum(np.append(h, np.inf), np.append(np.inf, h))
         shorter[np.isinf(shorter)] = 0.0  # there is one point alone
         moved, turned = _jumps(arriving, leaving), _jumps(turning, turning)
         return moved * shorter / 8.0, turned * shorter / 8.0, shorter
 
-    def _clamp_rotations(self) -> FloatArray:
+    @property
+    def clamp_rotations(self) -> FloatArray:
         """Unit quaternions of the clamps without jumps of their signs, shape (T, C, 4)."""
         clamps = [k for k, name in enumerate(self.names) if name in (START, END)]
         q: FloatArray = self.rotations[:, clamps]

@@ -20,7 +20,7 @@ LAYERS = (
     ("compilation",),
     ("__init__", "spline", "file_parameter", "interpolation", "share", "files", "plugins"),
     ("command", "observation", "parameter_table", "spline_table"),
-    ("parameter_cameras",),
+    ("parameter_cameras", "smooth_command"),
     ("effects",),
     ("rod_settings",),
     ("rod",),

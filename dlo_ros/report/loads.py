@@ -12,9 +12,11 @@ LONGEST_RADIUS = 1e3
 """Bend radius [m] beyond which a DLO is called straight."""
 WORDS = (
     "The largest loads on the DLO and its grips in the model, at the pictures' instants; they are "
-    "not measured. Where the DLO is pulled taut, they hang on each millimetre of its length and of "
-    "the distance of its grips. A grip's force acts on the DLO. The simulator publishes the same "
-    "live, with an alarm beyond limits.tension and limits.bend_radius."
+    "not measured. The grips are led along a smooth path through the points of the commands, which "
+    "would accelerate them in an instant at each corner between straight pieces. Where the DLO is "
+    "pulled taut, a millimetre of its length or of the distance of its grips changes much. Forces "
+    "are those of the grips on the DLO. The simulator publishes the same live, with an alarm "
+    "beyond limits.tension and limits.bend_radius."
 )
 
 
@@ -39,8 +41,8 @@ class LoadRow:
 def loads_table(rows: Sequence[LoadRow]) -> str:
     """The table with its words."""
     head = [
-        "recording", "largest tension", "smallest bend radius", "force of the grip at u = 0",
-        "at u = L",
+        "recording", "largest tension", "smallest bend radius", "force of the grip at the start",
+        "at the end",
     ]  # fmt: skip
     cells = [
         [r.name, number(r.tension, "N", 2), _radius(r.bend_radius), _force(r.start), _force(r.end)]
