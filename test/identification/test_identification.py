@@ -296,9 +296,11 @@ def test_online_a_first_shape_with_swapped_ends_does_no_harm(swinging):
     assert estimate.specific_modulus == pytest.approx(TRUE_RATIO, rel=0.02)
 
 
-def test_online_keeps_what_it_knows_beyond_its_window(swinging, monkeypatch):
+@pytest.mark.parametrize("known", [{}, {"relaxation_time": 0.0, "relaxation_time_std": 1e-3}])
+def test_online_keeps_what_it_knows_beyond_its_window(swinging, monkeypatch, known):
     monkeypatch.setattr("dlo_ros.identification.online.online_estimator.WINDOW", 0.6)
-    estimator = at_once(guess(0.3))
+    begun = guess(0.3)
+    estimator = at_once(replace(begun, damping=replace(begun.damping, **known)))
     estimate = run_online(estimator, swinging)
     assert estimate.specific_modulus == pytest.approx(TRUE_RATIO, rel=0.03)
     assert len(estimator._past.observations) <= 20

@@ -104,14 +104,14 @@ class PriorInformation:
     forces: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
     force_centre: FloatArray = field(default_factory=lambda: np.zeros(4))
 
-    def _beyond(self, theta: FloatArray, centre: FloatArray) -> FloatArray:
+    def beyond(self, theta: FloatArray, centre: FloatArray) -> FloatArray:
         """Differences of logarithms, zero where a damping of zero has none, shape (4,)."""
-        return np.where(np.isfinite(self.guess), theta - centre, 0.0)
+        return np.subtract(theta, centre, out=np.zeros(4), where=np.isfinite(self.guess))
 
     def step(self, at: Linearised) -> FloatArray:
         """From where a problem is linearised towards its minimum, not too far at once, (4,)."""
         off, old, beside = (
-            self._beyond(at.theta, centre)
+            self.beyond(at.theta, centre)
             for centre in (self.guess, self.centre, self.force_centre)
         )
         step = np.zeros(4)
@@ -135,7 +135,7 @@ class PriorInformation:
             theta: the estimate, about which the summary is from now on, shape (4,).
             share: fraction of the older summary that is kept.
         """
-        step, old = self._beyond(theta, at.theta), self._beyond(theta, self.centre)
+        step, old = self.beyond(theta, at.theta), self.beyond(theta, self.centre)
         scale = self.scale(at, step)
         self.pull = share * (self.pull - self.summary @ old)
         self.pull = self.pull + scale * (at.gradient - at.normal @ step)

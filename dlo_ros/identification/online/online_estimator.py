@@ -360,7 +360,8 @@ class OnlineEstimator:
         if run is None or elapsed <= WINDOW or (self._worker.busy and elapsed <= 1.5 * WINDOW):
             return
         theta = logarithms(self._estimate.settings)
-        self._information.fold(run, theta - run.at.theta, self._prior)
+        step = self._prior.beyond(theta, run.at.theta)
+        self._information.fold(run, step, self._prior)
         self._prior.fold(run.at, theta, FORGETTING)
         self.forces.fold()
         anchor = run.simulation.fork(with_logarithms(self._initial, theta))
