@@ -32,7 +32,7 @@ class Recording:
         across: matrices that map differences of control points to coefficients, shape (F, K, n, 3);
             the squares of these sum to the mean squared distance along u. The first n are normal to
             the observed curve in the board's plane, then those along it, then those out of the
-            plane where the recording leaves it.
+            plane where a recording leaves it.
         noise: standard deviation of each coefficient [m], shape (K,).
         spans: knot spans of the simulation; None: as simulation.tolerance asks.
         tolerance: tolerance of the simulation's time steps; None: simulation.tolerance.
@@ -61,7 +61,7 @@ class Recording:
 
     @property
     def planar(self) -> bool:
-        """Whether the DLO stays in the board's plane."""
+        """Whether the DLO stays in the board's plane, in all recordings that are compared."""
         return len(self.noise) <= 2 * int(self.observed.shape[1])
 
     def tolerance_with(self, effects: Iterable[str]) -> float | None:
@@ -122,8 +122,24 @@ class Recording:
         )  # fmt: skip
 
 
-def measured(manipulation: Manipulation, settings: Settings) -> Recording:
+PLANAR = 1e-6
+"""Largest distance from the plane y = 0 over L at which a shape lies in it."""
+
+
+def leaves_plane(manipulation: Manipulation, settings: Settings) -> bool:
+    """Whether an observed shape of a recording leaves the board's plane."""
+    most = PLANAR * settings.rod.length
+    return any(np.abs(o.control_points[:, 1]).max() > most for o in manipulation.observations)
+
+
+def measured(
+    manipulation: Manipulation, settings: Settings, *, spatial: bool | None = None
+) -> Recording:
     """A recording whose noise is not known yet.
+
+    Args:
+        spatial: whether errors out of the plane count: those of recordings that are compared with
+            one another do if one of them leaves it; None: whether this one does.
 
     Raises:
         InputError: no command or no observed shape.
@@ -135,7 +151,9 @@ def measured(manipulation: Manipulation, settings: Settings) -> Recording:
     manipulation = replace(manipulation, observations=_without_copies(manipulation.observations))
     observed = np.array([o.control_points[:, :3] for o in manipulation.observations])
     stamps = np.array([o.stamp for o in manipulation.observations], dtype=np.int64)
-    across, times = spline_space(observed, settings), (stamps - stamps[0]) * 1e-9
+    spatial = leaves_plane(manipulation, settings) if spatial is None else spatial
+    across = spline_space(observed, settings, spatial=spatial)
+    times = (stamps - stamps[0]) * 1e-9
     length, begins = settings.rod.length, as_started(settings, manipulation).simulation.start
     still = begins == "equilibrium" and not isinstance(manipulation, Window)
     recording = Recording(
@@ -171,8 +189,11 @@ def _without_copies(observations: Sequence[Observation]) -> tuple[Observation, .
     return tuple(kept)
 
 
-def spline_space(observed: FloatArray, settings: Settings) -> FloatArray:
+def spline_space(observed: FloatArray, settings: Settings, *, spatial: bool) -> FloatArray:
     """`Recording.across` of observed splines without points, shape (F, K, n, 3).
+
+    Args:
+        spatial: whether differences out of the plane count.
 
     Raises:
         InputError: they have another number of control points than the settings.
@@ -186,8 +207,7 @@ def spline_space(observed: FloatArray, settings: Settings) -> FloatArray:
     basis = SplineBasis(n, length)
     u, weight = basis.quadrature()
     values = basis.matrix(u)
-    planar = np.abs(observed[:, :, 1]).max() <= 1e-6 * length
-    fields = directions(basis.matrix(u, 1) @ observed)[: 2 if planar else 3]
+    fields = directions(basis.matrix(u, 1) @ observed)[: 3 if spatial else 2]
     project = np.linalg.inv(whitening(n, length)) @ (values * weight[:, None]).T / length  # (n, q)
     parts = [np.einsum("kq,fqc,qn->fknc", project, d, values, optimize=True) for d in fields]
     return np.concatenate(parts, axis=1)

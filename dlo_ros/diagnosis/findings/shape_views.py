@@ -80,7 +80,7 @@ def _across(
         predicted: control points of S models [m], shape (S, F, n, 3 or more), of the last F frames.
     """
     n, observed = values.shape[1], recording.observed[-predicted.shape[1] :]
-    rows = spline_space(observed, settings)[:, :n]
+    rows = spline_space(observed, settings, spatial=False)[:, :n]
     stations = np.linalg.inv(whitening(n, settings.rod.length)) @ values.T
     apart = observed - predicted[..., :3]
     return np.asarray(np.einsum("fknc,sfnc->sfk", rows, apart) @ stations)

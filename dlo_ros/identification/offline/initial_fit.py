@@ -29,7 +29,7 @@ from dlo_ros.inference.forecast import Manipulation, as_started, forecast
 from dlo_ros.inference.joint import Evaluation, Simulated, evaluate, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import WhiteLoss
-from dlo_ros.inference.measured import Recording, measured
+from dlo_ros.inference.measured import Recording, leaves_plane, measured
 from dlo_ros.inference.outlier_pictures import without_gross
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import IMMATERIAL, MUCH_LARGER
@@ -88,7 +88,8 @@ def begin(
         InputError: a recording holds nothing that can be compared.
         SimulationError: no starting value can be simulated.
     """
-    recordings = tuple(measured(m, settings) for m in manipulations)
+    spatial = any(leaves_plane(m, settings) for m in manipulations)
+    recordings = tuple(measured(m, settings, spatial=spatial) for m in manipulations)
     coarse = _coarse(recordings, settings)
     if near is None:
         at = _best_start(coarse, material_model(settings, settings))

@@ -156,6 +156,6 @@ def _attempt(
 ) -> Forecast | None:
     try:
         return forecast(recording, settings, spans=spans)
-    except SimulationError as err:
+    except (SimulationError, InputError) as err:  # such as too few shapes, to validate with
         LOG.warning("%s cannot be simulated: %s", recording.name, err)
         return None

@@ -111,8 +111,7 @@ class PriorInformation:
     def step(self, at: Linearised) -> FloatArray:
         """From where a problem is linearised towards its minimum, not too far at once, (4,)."""
         off, old, beside = (
-            self.beyond(at.theta, centre)
-            for centre in (self.guess, self.centre, self.force_centre)
+            self.beyond(at.theta, centre) for centre in (self.guess, self.centre, self.force_centre)
         )
         step = np.zeros(4)
         for _ in range(2):  # how noisy the residuals are is known better after the first step
