@@ -338,7 +338,8 @@ def test_a_model_that_a_recording_refuses_is_dropped_and_its_set_up_kept(monkeyp
     broken = replace(setup, model=setup.model.at(theta))
     cause = Cause("clamp_angle", ("effects.clamp_angle.start",), {}, 9.0, 1e-2, 0.0)
     found = Explanation(setup, broken, (cause,), 1e-4, 2e-4, 1e-5, (), ())
-    learned = Learned(found, {}, (np.zeros(len(setup.err[0]), dtype=bool),), Errors())
+    none = np.zeros(len(setup.err[0]), dtype=bool)
+    learned = Learned(found, {}, (none,), Errors(), seen=(~none,))
     real, ratio = joint_outcome.simulate, broken.model.settings.rod.specific_modulus
 
     def refused(model, *args, **kwargs):
@@ -367,7 +368,7 @@ def test_what_comes_no_nearer_than_the_plain_model_explains_nothing(monkeypatch)
     far, mask = np.full(len(setup.err[0]), 1.0), np.zeros(len(setup.err[0]), dtype=bool)
     monkeypatch.setattr(joint_outcome, "refitted", lambda at, *_: at)
     told = joint_outcome.joint_outcome(
-        begun, begun.at, Learned(found, {}, (mask,), Errors(None, [far])), given
+        begun, begun.at, Learned(found, {}, (mask,), Errors(None, [far]), seen=(~mask,)), given
     )
     assert setup.mean_err < told.material_err < begun.at.mean_err
     assert told.verdict == "unexplained"

@@ -76,6 +76,18 @@ def test_shapes_and_forces_tell_both_e_and_mu(swinging):
     assert told_json["left"]["swing, start"]["force"] < 0.02 * WEIGHT
 
 
+def test_a_stated_tolerance_leaves_what_forces_tell(swinging):
+    """That of the diameter, which nobody states, stays out where all else is exact."""
+    plain = identify([swinging], known(SENSOR)).estimate
+    flat = known(SENSOR).flat() | {
+        "effects.gravity_tilt.angle": 0.0, "effects.gravity_tilt.angle_std": 1e-3
+    }  # fmt: skip
+    found = identify([swinging], Settings.from_mapping(flat))
+    assert found.fitted.set_up.keys() == {"effects.gravity_tilt.angle"}
+    assert both_known(found.estimate)
+    assert found.estimate.young_modulus_std < 1.5 * plain.young_modulus_std
+
+
 def test_live_forces_tell_both_e_and_mu(swinging):
     estimator = OnlineEstimator(known(SENSOR), budget=np.inf)
     for imposed in swinging.commands:
@@ -161,6 +173,14 @@ def test_a_diagnosis_takes_the_scale_of_its_forces(swinging):
     assert "determine mu to" in told_by_force.remarks[-1]
     without = with_forces(found, [replace(few, wrenches=())], known(SENSOR))
     assert without.extended == model
+    # A DLO that was weighed weighs that in the plain model, too, whatever a sensor says.
+    weighed = replace(known(SENSOR), rod=replace(PAPER.rod, density_std=1e-3 * PAPER.rod.density))
+    strong = [replace(w, force=1.2 * w.force, torque=1.2 * w.torque) for w in few.wrenches]
+    unknown = replace(found.baseline, density=(PAPER.rod.density, None))
+    told = with_forces(
+        replace(found, baseline=unknown), [replace(few, wrenches=tuple(strong))], weighed
+    )
+    assert told.baseline.density[0] == pytest.approx(PAPER.rod.density, rel=0.01)
 
 
 def test_a_sensor_counts_in_the_design_of_experiments():

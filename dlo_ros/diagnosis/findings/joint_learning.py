@@ -76,6 +76,8 @@ class Learned:
         err: errors of the full model with values that know nothing of the frames held out.
         predicting: the fit that has these values.
         parts: what these values were fitted to.
+        seen: frames of each recording that are in the parts, shape (F,); some are neither that nor
+            held out.
     """
 
     explanation: Explanation
@@ -84,6 +86,7 @@ class Learned:
     err: Errors
     predicting: Evaluation | None = None
     parts: tuple[Recording, ...] = ()
+    seen: tuple[np.ndarray, ...] = ()
 
     @property
     def mean_err(self) -> float | None:
@@ -197,13 +200,14 @@ def learn(
     found = explain_again(training.prepared, given, known) if known is not None else None
     found = found or explain(training.prepared, given, contacts())
     chosen = [k for k, mask in enumerate(masks) if not mask.any()]
-    parts = [recordings[k] for k in chosen]
+    parts, seen = [recordings[k] for k in chosen], [~mask for mask in masks]
     rough = dict(zip(chosen, training.prepared.recordings, strict=True))
     if len(recordings) == count and held_out is None and min(frames) >= FEWEST:
         masks = [np.arange(f) >= (holdout.TRAINED + 0.1) * (f - 1) for f in frames]
         stops = [int(holdout.TRAINED * (f - 1)) + 1 for f in frames]
         parts = [r.until(s) for r, s in zip(recordings, stops, strict=True)]
-    learned = Learned(found, rough, tuple(masks), Errors(), parts=tuple(parts))
+        seen = [np.arange(f) < s for f, s in zip(frames, stops, strict=True)]
+    learned = Learned(found, rough, tuple(masks), Errors(), parts=tuple(parts), seen=tuple(seen))
     return _predicting(learned, recordings)
 
 

@@ -102,8 +102,7 @@ def joint_outcome(
     found, at, shown = final.found, final.at, final.shown
     own = own_err(at, first) if len(at.err) == len(first) else found.own_err
     matters = material_err(own, given)
-    seen = [~mask for mask in learned.masks[: len(first)]]
-    bare_model = holdout.fitted_to_seen(plain.model, first, seen, matters)
+    bare_model = holdout.fitted_to_seen(plain.model, first, learned.seen[: len(first)], matters)
     before = errors_of(bare_model, recordings, learned.masks)
     immaterial = plain.mean_err < matters
     suffices = not found.causes and (immaterial or _no_nearer(final.learned.err.seen, before.seen))

@@ -94,6 +94,8 @@ def _scale(model: Fitted, recordings: Sequence[Manipulation], given: Settings) -
         at = forecast(recording, model.settings, loads=True)
         borne += borne_along(recording, at.loadings, at.stamps)
     density, std = model.density
+    if std is None and given.rod.density_std > 0.0:  # what is weighed holds for any model
+        std = given.rod.density_std * density / given.rod.density
     known = 0.0 if std is None else (density / std) ** 2
     diameter = diameter_error(given.rod, usual=True)
     return exhausted(scale_of(borne, given, known=known, diameter_std=diameter))

@@ -21,7 +21,12 @@ from scipy.special import expit
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import logarithms
-from dlo_ros.identification.information import determined_directions, model_shift, widened
+from dlo_ros.identification.information import (
+    determined_directions,
+    diameter_error,
+    model_shift,
+    widened,
+)
 from dlo_ros.identification.offline.alternatives import Alternative, alternatives
 from dlo_ros.identification.offline.drafts import drafts
 from dlo_ros.identification.offline.initial_fit import Beginning, finer
@@ -64,6 +69,7 @@ class MaterialFit:
             [m]; NaN where it was not judged.
         left_out: number of pictures of each recording that are grossly wrong and left out.
         alternatives: effects that this material rather stands for; the information allows for them.
+        diameter: standard deviation of the diameter over it, which the information allows for.
     """
 
     at: Evaluation
@@ -73,6 +79,7 @@ class MaterialFit:
     error: float = np.nan
     left_out: tuple[int, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
+    diameter: float = 0.0
 
     @property
     def settings(self) -> Settings:
@@ -162,8 +169,16 @@ def _reported(
         for p, x, std in zip(at.model.parameters, at.model.theta(), spread, strict=True)
         if p.effect
     }
+    diameter = diameter_error(at.model.settings.rod, usual=_by_eye(at, stated))
     return MaterialFit(
-        at, tuple(compared), information, set_up, begun.error, begun.left_out, tuple(others)
+        at,
+        tuple(compared),
+        information,
+        set_up,
+        begun.error,
+        begun.left_out,
+        tuple(others),
+        diameter,
     )
 
 
@@ -176,11 +191,15 @@ def _information(at: Evaluation, stated: Collection[str] = ()) -> FloatArray:
     Args:
         stated: see `_reported`.
     """
-    by_eye = any(p.effect and p.name not in stated for p in at.model.parameters)
     wrong = max(1.0, at.mean_err / (TRACKER_ERROR * at.model.settings.rod.length))
     data = marginal_information(at) / wrong**2
-    known = widened(data, model_shift(at.model.settings, usual=by_eye))
+    known = widened(data, model_shift(at.model.settings, usual=_by_eye(at, stated)))
     return widened(known, at.model.of_material(next_step(at, CORRELATED), 0.0))
+
+
+def _by_eye(at: Evaluation, stated: Collection[str]) -> bool:
+    """Whether a number of the set-up is open whose tolerance nobody states."""
+    return any(p.effect and p.name not in stated for p in at.model.parameters)
 
 
 def marginal_information(at: Evaluation) -> FloatArray:

@@ -30,7 +30,7 @@ from dlo_ros.identification.force_scale import (
     grip_wrenches,
     scale_of,
 )
-from dlo_ros.identification.information import diameter_error, widened
+from dlo_ros.identification.information import widened
 from dlo_ros.identification.offline.set_up_estimate import MaterialFit
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.parallel import Pool, Threads
@@ -92,7 +92,7 @@ def information_with_forces(
     if not pairs:
         return None
     # Shapes and forces alike determine E D^4 and mu D^2: the error of D is added at the end.
-    diameter = diameter_error(given.rod, usual=bool(found.set_up))
+    diameter = found.diameter
     shapes = _exact_diameter(found.information, diameter)
     known = known_information(given, weighed=True)
     hardly = GUESS_WEIGHT * search_information(given)
