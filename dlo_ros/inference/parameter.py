@@ -165,6 +165,11 @@ class ParametricModel:
         pairs = zip(self.parameters, self.theta(), strict=True)
         return self.at(np.array([p.centre if p.name in names else x for p, x in pairs]))
 
+    def at_centres(self, names: Collection[str]) -> ParametricModel:
+        """The model with some numbers at the centres of their priors, as parameters no more."""
+        kept = tuple(p for p in self.parameters if p.name not in names)
+        return replace(self.centred(names), parameters=kept)
+
     def chain(self) -> FloatArray:
         """Derivative of a simulation's parameter by that of the inference, shape (P,)."""
         return np.array(

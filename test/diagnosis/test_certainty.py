@@ -15,6 +15,7 @@ from dlo_ros.diagnosis.explain.certainty import (
     SCALES,
     beyond,
     certain,
+    departures,
     has_other_stiffness,
     tolerances_off,
 )
@@ -70,6 +71,14 @@ def test_within_its_tolerance_it_is_none():
     at = fitted(0.7 * TOLERANCE, 22).setup
     assert 0.5 < off(at, "clamp_angle") < 1.0
     assert "clamp_angle" not in named(at)
+
+
+def test_a_number_that_is_freed_is_as_far_off_as_one_within_its_tolerance(turned):
+    """One and a half tolerances: a clamp that was freed as a cause counts as a departure still."""
+    (clamp,) = (g for g in freed(turned.model) if g.effect == "clamp_angle")
+    opened = replace(turned, model=turned.model.with_prior(clamp.parameters))
+    counts = departures(turned), departures(opened, (clamp,))
+    assert counts[0] == counts[1] > 0
 
 
 def test_what_is_known_badly_may_be_none_of_less_than_twice(turned):

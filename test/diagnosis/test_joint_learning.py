@@ -66,6 +66,21 @@ def test_drafts_are_reliable_for_the_fitted_set_up():
     assert rms([here - there]) < IMMATERIAL
 
 
+def test_of_a_recording_that_foretells_its_end_some_frames_are_neither_learned_nor_foretold(
+    monkeypatch,
+):
+    """Nor does the plain model learn from them, with which the gain is measured."""
+    recording, given = moving("simple", {}, 51)
+    begun = begin([recording], given)
+    training = training_set(begun, 1, begun.at.model.settings, given)
+    monkeypatch.setattr(joint_learning, "explain", lambda *_: None)
+    monkeypatch.setattr(joint_learning, "_predicting", lambda learned, _: learned)
+    learned = joint_learning.learn(training, given, lambda: ())
+    ((seen,), (held,)), frames = (learned.seen, learned.masks), len(begun.recordings[0].times)
+    assert seen.sum() == len(learned.parts[0].times) < 0.65 * frames
+    assert not (seen & held).any() and 0.05 * frames < frames - (seen | held).sum() < 0.15 * frames
+
+
 @pytest.mark.parametrize(
     ("err", "near", "moved"),
     [

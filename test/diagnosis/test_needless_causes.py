@@ -12,8 +12,12 @@ from rods import PAPER
 
 from dlo_ros.diagnosis.explain import cause_naming, cause_search, left_out
 from dlo_ros.diagnosis.proposals.linear_evidence import freed, proposal_of, with_proposals
-from dlo_ros.effects import Start
+from dlo_ros.effects import Scene, Start
 from dlo_ros.inference import joint_fit
+from dlo_ros.inference.priors import joint_model
+from dlo_ros.parameters import Settings
+
+SCENE = Scene(PAPER.scale, ("start",), ("start",), 10.0)
 
 
 @pytest.mark.parametrize(("loss", "kept"), [(4.0, False), (12.0, True)])
@@ -161,6 +165,26 @@ def test_a_damping_that_is_left_out_has_its_guess_and_keeps_it():
     assert bare is not None and "relaxation_time" not in bare.model.names
     assert bare.model.settings.damping.relaxation_time == pytest.approx(guess)
     assert set(bare.model.names) == set(at.model.names) - {"relaxation_time"}
+
+
+def test_a_number_that_the_file_states_is_left_out_by_what_it_states():
+    """A mass of 2 g that is known to 0.4 g is none of 0 g where it is exactly as stated."""
+    flat = PAPER.flat() | {
+        "effects.point_mass.mass": 2e-3, "effects.point_mass.mass_std": 4e-4,
+        "effects.point_mass.position": 0.3,
+    }  # fmt: skip
+    given = Settings.from_mapping(flat)
+    model = joint_model(given, given, SCENE)
+    masses = [g for g in freed(model) if g.effect == "point_mass"]
+    tilts = [g for g in freed(model) if g.effect == "gravity_tilt"]
+    theta = model.theta()
+    theta[model.index("effects.point_mass.mass")] = 5e-3
+    for group in (*masses, *tilts):
+        bare = left_out._neutral(model.at(theta), group)
+        stated = bare.settings.effects["point_mass"]
+        assert stated == {"mass": 2e-3 if group in masses else 5e-3, "position": 0.3}
+        assert not {p.name for p in group.parameters} & set(bare.names)
+    assert "gravity_tilt" not in bare.settings.effects
 
 
 @pytest.mark.parametrize(("near", "kept"), [(1.05e-3, []), (1.5e-3, ["camera_rotation"])])

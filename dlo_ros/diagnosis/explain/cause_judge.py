@@ -73,12 +73,19 @@ class Judge:
             if self.complete or not _nearer_as_fitted(self.at, bare, group):
                 return False
             here, without_it, own = self._errs_where_it_acts(self.at, bare, group)
-        if self.exact or (group.start is None and is_beyond(self.at, group)):
+        if self.exact or (group.start is None and self._lies_beyond(group)):
             return True
         explained = without_it < OWN * min(own, here)
         needed = self.complete and without_it > OWN * here and not self._mends_a_law(group)
         little = explained or (without_it - here < self.least and not needed)
         return not little or self._bears_a_share(group, bare) or bool(strained(bare, self.at))
+
+    def _lies_beyond(self, group: Proposal) -> bool:
+        """Whether numbers of the set-up lie beyond their tolerance.
+
+        Those that have the priors of a set-up are judged only where they do, see `beyond`.
+        """
+        return all(p.tolerated for p in group.parameters) or is_beyond(self.at, group)
 
     def _mends_a_law(self, group: Proposal) -> bool:
         """Whether an effect may only mend the law of a number of the set-up beyond tolerance."""

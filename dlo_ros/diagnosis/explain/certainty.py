@@ -210,13 +210,12 @@ def departures(at: Evaluation, causes: Sequence[Proposal] = ()) -> int:
 
 
 def _departing(at: Evaluation, causes: Sequence[Proposal]) -> list[Proposal]:
-    """Notable parts of the set-up that are away from neutral for certain."""
-    tolerated = replace(
-        at.model,
-        parameters=tuple(replace(p, tolerated=bool(p.effect)) for p in at.model.parameters),
+    """Notable parts of the set-up that are away from neutral for certain, those freed, too."""
+    model = at.model.with_prior(
+        [p.returned(SLAB) for p in at.model.parameters if p.effect and not p.tolerated]
     )
     own = {p.name for c in causes if c.start is not None for p in c.parameters}
-    parts = [g for g in freed(tolerated) if g.parameters[0].effect and not own & set(g.columns)]
+    parts = [g for g in freed(model) if g.parameters[0].effect and not own & set(g.columns)]
     return [g for g in parts if certain(at, g) and is_beyond(at, g, NOTABLE)]
 
 

@@ -284,7 +284,7 @@ def _err_without_laws(setup: Evaluation, recordings: Sequence[Recording]) -> flo
     of_rod = [
         p for p in setup.model.parameters if p.tolerated and ROD in effects()[p.effect].acts_on
     ]
-    model = setup.model.without([p.name for p in of_rod])
+    model = setup.model.at_centres([p.name for p in of_rod])
     try:
         bare = rejudged(borrowed(setup, model, recordings))
     except SimulationError as err:

@@ -5,17 +5,17 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
 
 from dlo_ros.diagnosis.explain.trials import FIT_ITERATIONS, fitted
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
+from dlo_ros.effects import quantities
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, borrowed, linear_posterior, rejudged
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.losses import misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.model_comparison import log_bayes_factor
-from dlo_ros.inference.parameter import SLAB, ParametricModel
+from dlo_ros.inference.parameter import SLAB, Parameter, ParametricModel, split_name
 from dlo_ros.inference.plain_rod import taken_for_plain
 from dlo_ros.inference.variances import posterior
 
@@ -92,8 +92,18 @@ def beside_neutral(at: Evaluation, model: ParametricModel, group: Proposal) -> P
 
 
 def _neutral(model: ParametricModel, cause: Proposal) -> ParametricModel:
-    """The model without a cause; a damping has the parameter file's value again, and keeps it."""
-    names = [p.name for p in cause.parameters if p.effect]
-    guessed = [p.name for p in cause.parameters if not p.effect]
-    model = model.centred(guessed).without(names)
-    return replace(model, parameters=tuple(p for p in model.parameters if p.name not in guessed))
+    """The model without a cause; what the parameter file states has its value again, and keeps it.
+
+    That is a damping, or a number of an effect that it gives.
+    """
+    of_set_up = cause.start is None
+    stated = [p.name for p in cause.parameters if not p.effect or (of_set_up and _is_stated(p))]
+    return model.at_centres(stated).without(
+        [p.name for p in cause.parameters if p.name not in stated]
+    )
+
+
+def _is_stated(p: Parameter) -> bool:
+    """Whether a number of the set-up has another expected value than the neutral one."""
+    effect, key, _ = split_name(p.name)
+    return p.centre != p.inner(quantities(effect)[key].neutral)

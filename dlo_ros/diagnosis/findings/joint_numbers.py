@@ -348,9 +348,10 @@ def _tolerance(p: Parameter, given: Settings) -> float | None:
     """Tolerance in the parameter's own unit; None of what is guessed, or is no part of a set-up."""
     if p.tolerated or (not p.effect and not p.guessed):
         return p.outer_std(p.centre, p.std)
-    if not p.effect or not effects()[p.effect].in_setup:
-        return None
     effect, key, _ = split_name(p.name)
+    stated = f"{effect}.{key}" in given.tolerances
+    if not p.effect or not (stated or effects()[p.effect].in_setup):
+        return None
     width = tolerance(given, f"{effect}.{key}")
     return None if width is None else p.outer_std(p.inner(quantities(effect)[key].neutral), width)
 
