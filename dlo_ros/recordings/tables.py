@@ -54,6 +54,7 @@ COORDINATES = (*PLACE, "theta")
 POSE = (*PLACE, "qx", "qy", "qz", "qw")
 VELOCITY = ("vx", "vy", "vz")
 POINT = ("u", "x", "y", "z", "std")
+ROUNDING = 1e-6  # of the length, by which u may lie beyond an end of the DLO
 WRENCH = ("end", "fx", "fy", "fz", "tx", "ty", "tz")
 OBSERVED_FILE, COMMAND_FILE, POINTS_FILE = "observed.csv", "command.csv", "points.csv"
 WRENCH_FILE = "wrench.csv"
@@ -84,7 +85,7 @@ def read_csv(
         if "name" in columns:
             commands += read_commands(path, settings)
         elif set(POINT) <= columns:
-            points.update(_points(path))
+            points.update(_points(path, settings.rod.length))
         elif not set(WRENCH) <= columns:  # see `wrench_table`
             shapes = _observations(path, settings)
             before = len(observations)
@@ -145,10 +146,24 @@ def _observations(path: Path, settings: Settings) -> list[Observation]:
     return [Observation(int(s), v) for s, v in zip(at, shapes, strict=True)]
 
 
-def _points(path: Path) -> dict[int, CentrelinePoints]:
+def _points(path: Path, length: float) -> dict[int, CentrelinePoints]:
     rows = rows_of(path, POINT)
     along = STD_ALONG in rows[0]
     at, values = measured(path, rows, (*POINT, STD_ALONG) if along else POINT)
+    u = values[:, 0]
+    inside = (u >= -ROUNDING * length) & (u <= length * (1.0 + ROUNDING))
+    if not inside.any():
+        raise InputError(
+            f"{path}: u is {u.min():.3g} to {u.max():.3g} m; the DLO is {length:g} m long "
+            "(rod.length), and u is meant in metres from its start"
+        )
+    if not inside.all():
+        LOG.warning(
+            "%s: %d of %d points are left out: their u is not within 0 to %g m (rod.length)",
+            path, int((~inside).sum()), len(u), length,
+        )  # fmt: skip
+    at, values = at[inside], values[inside]
+    values[:, 0] = np.clip(values[:, 0], 0.0, length)
     found = {}
     for stamp in np.unique(at):
         own = values[at == stamp]

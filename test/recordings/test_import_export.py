@@ -254,6 +254,31 @@ def test_points_of_no_spline_and_second_splines_are_told_of(params, tmp_path, ca
     assert [o.points is None for o in found] == [True, *[False] * (FRAMES - 1)]
 
 
+def test_points_beyond_the_dlo_are_told_of(params, tmp_path, caplog, capsys):
+    """In millimetres, u would all be clipped to the end of the DLO."""
+    tables, out = tmp_path / "tables", tmp_path / "back"
+    call = ["export", "--params", params, "--recording", bag(tmp_path), "--format", "csv"]
+    assert main([*call, "--output", str(tables)]) == 0
+    points = tables / "points.csv"
+    head, *lines = points.read_text().splitlines()
+    place = head.split(",").index("u")
+
+    def given(u_of):
+        rows = [line.split(",") for line in lines]
+        for k, row in enumerate(rows):
+            row[place] = str(u_of(k, float(row[place])))
+        points.write_text("\n".join([head, *(",".join(row) for row in rows)]) + "\n")
+
+    call = ["import", "--format", "csv", "--params", params, "--output", str(out), str(tables)]
+    given(lambda k, u: u + 100.0)
+    assert main(call) == 2
+    told = capsys.readouterr().err
+    assert "points.csv: u is 100 to 100 m; the DLO is 0.4 m long (rod.length), and u is" in told
+    given(lambda k, u: -1.0 if k == 0 else u)
+    assert main(call) == 0
+    assert f"points.csv: 1 of {len(lines)} points are left out: their u is not" in caplog.text
+
+
 def test_other_control_points_and_missing_parts(params, tmp_path, capsys):
     a, b = observed_csv(tmp_path / "a.csv", points=N + 1), command_csv(tmp_path / "b.csv")
     call = ["import", "--format", "csv", "--params", params, "--output", str(tmp_path / "bag")]

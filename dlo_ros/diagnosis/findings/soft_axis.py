@@ -7,16 +7,20 @@ the form from which it began. They differ in how much the DLO stretches alone.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 from dlo_ros.effects.physics.anisotropy import Anisotropy
 from dlo_ros.effects.physics.twisting_stiffness import TwistingStiffness
+from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, evaluate
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel, value_of, with_values
 from dlo_ros.parameters import Settings
+
+LOG = logging.getLogger(__name__)
 
 RATIO, ANGLE = (Anisotropy.parameter(key) for key in ("ratio", "angle"))
 TWIST = TwistingStiffness.parameter("ratio")
@@ -27,17 +31,19 @@ def with_soft_axis(at: Evaluation, recordings: Sequence[Recording], given: Setti
 
     Args:
         recordings: those that it was fitted to.
-        given: the parameter file; the form of a section that it states stays.
-
-    Raises:
-        SimulationError: a recording cannot be simulated.
+        given: the parameter file; the form of a section that it states stays, and so does one whose
+            other form a search for the first equilibrium does not find.
     """
     model = at.model
     found = RATIO in model.names and Anisotropy.name not in given.effects
     if not found or value_of(model.settings, RATIO) >= 1.0:
         return at
     turned = ParametricModel(about_other_axis(model.settings), model.parameters)
-    return evaluate(turned, recordings, at.variances)
+    try:
+        return evaluate(turned, recordings, at.variances)
+    except SimulationError as err:
+        LOG.info("with E of the other axis: %s", err)
+        return at
 
 
 def about_other_axis(settings: Settings) -> Settings:

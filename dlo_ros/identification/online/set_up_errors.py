@@ -106,7 +106,7 @@ class SetUpErrors:
         view = scene(settings, imposed_names([seen]), [recording.observed])
         model = joint_model(settings, self._given, view)
         if not recording.planar or not any(p.effect for p in model.parameters):
-            self.shifts = ()
+            self.shifts, self.delay = (), None
             return
         here = yield from _linearised(model, recording)
         self.shifts = yield from _shifts(here, scale, prior.prior)
