@@ -358,10 +358,14 @@ def _residuals(
     u = np.linspace(0.0, length, PLACES)
     gap = basis.matrix(u) @ (shapes - forecast.predicted[:, :, :3])
     slope = basis.matrix(u, 1) @ forecast.predicted[:, :, :3]
+    times = (forecast.stamps - forecast.stamps[0]) * 1e-9
+    if np.any(shapes[..., 1]):  # in space no side is the left one
+        speed = np.maximum(np.linalg.norm(slope, axis=2, keepdims=True), 1e-12)
+        across = np.linalg.norm(np.cross(gap, slope / speed), axis=2)
+        return ResidualMap(times, across, signed=False)
     # To the left of growing u as the camera sees it, in the board's plane.
     left = np.stack([-slope[:, :, 2], np.zeros(slope.shape[:2]), slope[:, :, 0]], axis=2)
     left /= np.maximum(np.linalg.norm(left, axis=2, keepdims=True), 1e-12)
-    times = (forecast.stamps - forecast.stamps[0]) * 1e-9
     return ResidualMap(times, np.sum(gap * left, axis=2))
 
 

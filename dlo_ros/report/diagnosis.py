@@ -182,11 +182,10 @@ def _over_time(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[s
             "neighbours was probably measured wrongly.",
         ),
         figure(
-            field_maps(titles, r.times, r.u, fields, "distance [mm]"),
+            field_maps(titles, r.times, r.u, fields, "distance [mm]", signed=not _in_space(r)),
             "Distance of the observed shape from the predicted one across the DLO, along it (u "
-            "counts from the start) and over time; red where it lies to the left of growing u, "
-            "blue to the right. Noise looks grainy; an area of one colour is an error of the "
-            "model.",
+            f"counts from the start) and over time{_sides(r, '; red', ', blue')}. Noise looks "
+            "grainy; an area of one colour is an error of the model.",
         ),
     ]
 
@@ -199,10 +198,26 @@ def _at_rest(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[str
     return [
         figure(
             line_plot(plot),
-            "Distance of the observed shape from the predicted one across the DLO, positive to the "
-            "left of growing u; u counts from the start.",
+            "Distance of the observed shape from the predicted one across the DLO"
+            f"{_sides(r, ', positive', ', negative')}; u counts from the start.",
         )
     ]
+
+
+def _in_space(r: DiagnosedRecording) -> bool:
+    """Whether the observed shapes leave the board's plane."""
+    return bool(r.observed[..., 1].any())
+
+
+def _sides(r: DiagnosedRecording, left: str, right: str) -> str:
+    """What tells the sides of the DLO to which it is off, in the board's plane; nothing in space.
+
+    Args:
+        left, right: words for both of them.
+    """
+    if _in_space(r):
+        return ""
+    return f"{left} where the observed one lies to the left of growing u{right} to the right"
 
 
 def _series(

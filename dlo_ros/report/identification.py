@@ -224,9 +224,10 @@ def _role(recording: RecordingRow) -> str:
 
 def _residuals(recording: RecordingRow) -> str:
     assert recording.residuals is not None
+    sides = ": to the left of growing u in one colour, to the right in the other"
     caption = (
-        "Observed beside predicted, across the DLO: to the left of growing u in one colour, to the "
-        "right in the other. Noise is a fine grain; stripes and patches are what the model misses."
+        f"Observed beside predicted, across the DLO{sides if recording.residuals.signed else ''}. "
+        "Noise is a fine grain; stripes and patches are what the model misses."
     )
     return _heading(recording) + figure(residual_picture(recording.residuals), caption)
 

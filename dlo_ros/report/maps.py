@@ -21,7 +21,7 @@ PIXELS = 600
 
 def field_maps(
     titles: Sequence[str], times: FloatArray, u: FloatArray, fields: Sequence[FloatArray],
-    label: str, largest: float | None = None,
+    label: str, largest: float | None = None, *, signed: bool = True,
 ) -> str:  # fmt: skip
     """Maps beside one another with one colour scale, as an HTML image.
 
@@ -29,14 +29,16 @@ def field_maps(
         titles: titles of the maps.
         times: [s], shape (F,).
         u: material coordinates [m], shape (U,).
-        fields: signed values, each of shape (F, U).
+        fields: values, each of shape (F, U).
         label: label of the colour scale, with the unit.
         largest: end of the colour scale; default: what 99 of 100 values stay below.
+        signed: whether values have a sign.
     """
     values = np.abs(np.concatenate([f.ravel() for f in fields]))
     values = values[np.isfinite(values)]
     found = float(np.percentile(values, 99.0)) if len(values) else 1.0
     bound = largest or max(found, 1e-12)
+    colours, least = ("RdBu_r", -bound) if signed else ("Reds", 0.0)
     with rc_context({**STYLE, "axes.grid": False}):
         # Margins that are known spare a layout engine, which draws everything twice.
         width, height = 4.4 * len(fields) + 0.6, 2.9
@@ -52,12 +54,13 @@ def field_maps(
             axes.tick_params(labelleft=False)
         for axes, title, field in zip(all_axes, titles, fields, strict=True):
             picture = axes.pcolormesh(
-                times, 1e3 * u, field.T, cmap="RdBu_r", vmin=-bound, vmax=bound, shading="nearest"
+                times, 1e3 * u, field.T, cmap=colours, vmin=least, vmax=bound, shading="nearest"
             )
             axes.set_title(typeset(title), fontsize=10)
             axes.set_xlabel("time [s]")
         first.set_ylabel("u along the DLO [mm]")
-        beyond = "both" if np.any(values > bound) else "neither"  # pointed: there are larger ones
+        pointed = "both" if signed else "max"  # there are larger ones
+        beyond = pointed if np.any(values > bound) else "neither"
         cax = figure.add_subplot(grid[-1])
         figure.colorbar(picture, cax=cax, label=typeset(label), extend=beyond)
         buffer = io.BytesIO()

@@ -37,10 +37,12 @@ class ResidualMap:
         times: [s], shape (F,).
         across: observed minus predicted [m], positive to the left of growing u, at equally spaced
             places from u = 0 to L, shape (F, U).
+        signed: whether it has a sign; in space it has none.
     """
 
     times: FloatArray
     across: FloatArray
+    signed: bool = True
 
 
 def ellipse_picture(ellipse: Ellipse) -> str:

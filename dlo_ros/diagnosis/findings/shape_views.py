@@ -11,7 +11,7 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import RecordingView
 from dlo_ros.diagnosis.residuals.missing_force import missing_force
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Simulated, simulate
-from dlo_ros.inference.measured import Recording, spline_space
+from dlo_ros.inference.measured import Recording, leaves_plane, spline_space
 from dlo_ros.inference.smooth_modes import whitening
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -75,12 +75,17 @@ def _across(
 ) -> FloatArray:
     """Observed minus predicted across the DLO at stations [m], shape (S, F, U).
 
+    In the plane it is positive to the left of growing u, in space it has no sign.
+
     Args:
         values: values of the basis functions at the stations, shape (U, n).
         predicted: control points of S models [m], shape (S, F, n, 3 or more), of the last F frames.
     """
     n, observed = values.shape[1], recording.observed[-predicted.shape[1] :]
-    rows = spline_space(observed, settings, spatial=False)[:, :n]
+    spatial = leaves_plane(recording.manipulation, settings)
+    rows = spline_space(observed, settings, spatial=spatial)
     stations = np.linalg.inv(whitening(n, settings.rod.length)) @ values.T
     apart = observed - predicted[..., :3]
-    return np.asarray(np.einsum("fknc,sfnc->sfk", rows, apart) @ stations)
+    missed = np.einsum("fknc,sfnc->sfk", rows, apart)
+    left = np.asarray(missed[..., :n] @ stations)
+    return np.hypot(left, missed[..., 2 * n :] @ stations) if spatial else left
