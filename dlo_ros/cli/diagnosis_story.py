@@ -10,7 +10,7 @@ import numpy as np
 
 from dlo_ros.cli.diagnosis_words import clear_side, is_sized, values
 from dlo_ros.cli.effect_words import clause, either, mm, title
-from dlo_ros.cli.error_places import places, spread
+from dlo_ros.cli.error_places import how_wrong, immaterial, plain_error
 from dlo_ros.cli.set_up_table import is_far_off, labels_of, set_up_is_off, setup_lines
 from dlo_ros.diagnosis import Diagnosis, NamedEffect
 from dlo_ros.identification.force_scale import POWERS
@@ -18,7 +18,7 @@ from dlo_ros.identification.identifiability import enumerated, rounded
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.thresholds import IDENTIFIED
 from dlo_ros.report.diagnosis_content import Question, SetupRow
-from dlo_ros.report.elements import measured, number, percent
+from dlo_ros.report.elements import measured, percent
 
 QUESTION_ERROR = "How wrong is my simulation?"
 QUESTION_CAUSE = "Why?"
@@ -31,6 +31,12 @@ COUNTS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 OVERLAP = (
     "A share is how much of the error comes back where that cause alone is left out and the rest "
     "is fitted again. Causes can stand in for one another, so shares need not add up to 100 %."
+)
+HALF = 0.5
+"""Sum of the causes' shares below which it is told what has the others."""
+BESIDE = (
+    "The rest of the error goes with a set-up that is off within its tolerances (see the table), "
+    "or with what these causes do for one another."
 )
 UNSIZED = (
     "That it acts is certain; how strongly, these data do not determine: the numbers are those of "
@@ -73,7 +79,7 @@ def story(found: Diagnosis, length: float, file: str) -> Story:
     return Story(
         headline(found),
         (
-            Question(QUESTION_ERROR, _how_wrong(found, length)),
+            Question(QUESTION_ERROR, how_wrong(found, length)),
             Question(QUESTION_CAUSE, _why(found)),
             Question(QUESTION_GAIN, _gain(found, file)),
         ),
@@ -94,12 +100,12 @@ def extends(found: Diagnosis) -> bool:
 
 def headline(found: Diagnosis) -> str:
     """The result in a sentence."""
-    err = _error(found)
+    err = plain_error(found)
     order = by_share(found.effects)
     causes = enumerated([_short(e, order) for e in order])
     off = "The simulation is off" if err is None else f"The simulation is {mm(err)} off"
     if found.verdict == "adequate":
-        if _immaterial(found):
+        if immaterial(found):
             return f"The simulation agrees with the recordings; it is {mm(err)} off."
         if found.setup and extends(found):
             if causes and not set_up_is_off(found):
@@ -128,46 +134,16 @@ def _short(effect: NamedEffect, causes: Sequence[NamedEffect]) -> str:
     return f"{own} (or {', '.join(rivals)})" if rivals else own
 
 
-def _error(found: Diagnosis) -> float | None:
-    """Mean distance that the plain model leaves [m], on data not used where there are some."""
-    base = found.baseline
-    return base.err_train if base.err_holdout is None else base.err_holdout
-
-
-def _immaterial(found: Diagnosis) -> bool:
-    """Whether the plain model's error is too small to matter."""
-    err = _error(found)
-    return err is not None and found.material_err is not None and err <= found.material_err
-
-
-def _how_wrong(found: Diagnosis, length: float) -> tuple[str, ...]:
-    err = _error(found)
-    if err is None:
-        return ("It cannot be simulated beyond what it was fitted to.",)
-    where = "data that were not used"
-    if found.baseline.err_holdout is None:
-        where = "the data that it was fitted to"
-    sentences = [
-        f"With the best Young's modulus and density it is {mm(err)} off on average "
-        f"({number(100.0 * err / length, digits=2)} % of the length), on {where}."
-    ]
-    if not _immaterial(found):  # where an error is that does not matter does not matter either
-        sentences += [*spread(found.views), *places(found.views, length)]
-    if found.noise_floor is not None:
-        words = f"The measurement itself is about {mm(found.noise_floor)} off"
-        if found.material_err is not None:
-            words += f"; less than {mm(found.material_err)} does not matter here"
-        sentences.append(f"{words}.")
-    return (*sentences, *([found.left_out] if found.left_out else []))
-
-
 def _why(found: Diagnosis) -> tuple[str, ...]:
     length = found.extended.settings.rod.length
     order = by_share(found.effects)
     sentences = _causes(order, length, found.extended.scale_std)
-    if sum(e.share is not None for e in order) > 1:
+    shares = [e.share for e in order if e.share is not None]
+    if found.verdict == "explained" and shares and sum(shares) < HALF:
+        sentences.append(BESIDE)
+    if len(shares) > 1:
         sentences.append(OVERLAP)
-    if found.verdict == "adequate" and order and _immaterial(found):
+    if found.verdict == "adequate" and order and immaterial(found):
         sentences.insert(0, "Nothing that matters is wrong. What is certain all the same:")
     if found.verdict == "adequate":
         if found.setup and extends(found) and (not order or set_up_is_off(found)):
@@ -175,7 +151,7 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
         elif not sentences:
             sentences.append(
                 "Nothing that matters is wrong."
-                if _immaterial(found)
+                if immaterial(found)
                 else "The data show no cause for certain."
             )
     elif found.verdict == "unexplained" and not sentences and _nothing_left(found):
@@ -242,7 +218,7 @@ def _nothing_left(found: Diagnosis) -> bool:
 def _left(found: Diagnosis) -> str:
     """The error that is left: on held-out data, or where it matters."""
     if not extends(found):
-        return mm(_error(found))
+        return mm(plain_error(found))
     held, learned, enough = (
         np.nan if x is None else x
         for x in (found.extended.err_holdout, found.extended.err_train, found.material_err)

@@ -8,8 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.cli.effect_words import mm
-from dlo_ros.diagnosis import RecordingView
+from dlo_ros.diagnosis import Diagnosis, RecordingView
+from dlo_ros.inference.thresholds import SMALL_SHARE
 from dlo_ros.inference.weighted_quantiles import weighted_quantiles
+from dlo_ros.report.elements import number
 from dlo_ros.report.worst_frame import is_lasting, worst_err, worst_frame
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -23,7 +25,7 @@ AT_END, NEAR_END, NEAR_MIDDLE = 0.01, 0.15, 0.1
 """Shares of the length within which a place is at an end, near an end, or near the middle."""
 
 
-def spread(views: Sequence[RecordingView]) -> list[str]:
+def _spread(views: Sequence[RecordingView]) -> list[str]:
     """Sentence on the error in most pictures, all recordings counting the same, as in the mean."""
     errors = [v.err_before[is_lasting(v.err_before)] for v in views]
     if sum(map(len, errors)) < LEAST_PICTURES:
@@ -39,7 +41,7 @@ def spread(views: Sequence[RecordingView]) -> list[str]:
     ]
 
 
-def places(views: Sequence[RecordingView], length: float) -> list[str]:
+def _places(views: Sequence[RecordingView], length: float) -> list[str]:
     """Sentence on the places and times of the plain model's error."""
     if not views:
         return []
@@ -84,3 +86,54 @@ def _place(share: float) -> str:
     if abs(share - 0.5) < NEAR_MIDDLE:
         return "near the middle"
     return "in the first half" if share < 0.5 else "in the second half"
+
+
+def plain_error(found: Diagnosis) -> float | None:
+    """Mean distance that the plain model leaves [m], on data not used where there are some."""
+    base = found.baseline
+    return base.err_train if base.err_holdout is None else base.err_holdout
+
+
+def immaterial(found: Diagnosis) -> bool:
+    """Whether the plain model's error is too small to matter."""
+    err = plain_error(found)
+    return err is not None and found.material_err is not None and err <= found.material_err
+
+
+def how_wrong(found: Diagnosis, length: float) -> tuple[str, ...]:
+    """Sentences on how wrong the plain simulation is.
+
+    Args:
+        length: length of the DLO [m].
+    """
+    err = plain_error(found)
+    if err is None:
+        return ("It cannot be simulated beyond what it was fitted to.",)
+    where = "data that were not used"
+    if found.baseline.err_holdout is None:
+        where = "the data that it was fitted to"
+    sentences = _as_given(found, err)
+    sentences += [
+        f"With the best Young's modulus and density it is {mm(err)} off on average "
+        f"({number(100.0 * err / length, digits=2)} % of the length), on {where}."
+    ]
+    if not immaterial(found):  # where an error is that does not matter does not matter either
+        sentences += [*_spread(found.views), *_places(found.views, length)]
+    if found.noise_floor is not None:
+        words = f"The measurement itself is about {mm(found.noise_floor)} off"
+        if found.material_err is not None:
+            words += f"; less than {mm(found.material_err)} does not matter here"
+        sentences.append(f"{words}.")
+    return (*sentences, *([found.left_out] if found.left_out else []))
+
+
+def _as_given(found: Diagnosis, err: float) -> list[str]:
+    """How wrong the parameter file is as it stands, where its E and mu are not the best ones.
+
+    Args:
+        err: mean distance that the plain model leaves with these [m].
+    """
+    given = found.given_err
+    if given is None or abs(given - err) < SMALL_SHARE * err:
+        return []
+    return [f"As the parameter file stands, it is {mm(given)} off on average."]

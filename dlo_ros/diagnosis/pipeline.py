@@ -82,7 +82,9 @@ def diagnose(
         named = with_names(found, beginning.recordings)
     progress("measuring the gain", 1.0)
     outcome = joint_outcome(beginning, plain, named, given)
-    outcome = replace(outcome, left_out=_left_out(beginning))
+    outcome = replace(
+        outcome, left_out=_left_out(beginning), given_err=_given_err(given, beginning.recordings)
+    )
     return with_forces(outcome, recordings, given)
 
 
@@ -92,6 +94,15 @@ def _begun(
     """The initial fit, with time steps that are short enough for what may be added to it."""
     found = begin(recordings, given, better)
     return replace(found, recordings=with_short_steps(found.recordings, found.at))
+
+
+def _given_err(given: Settings, recordings: Sequence[Recording]) -> float | None:
+    """ERR of the parameter file as it stands [m]; None where it cannot be simulated."""
+    try:
+        return simulate(ParametricModel(given, ()), recordings, ()).mean_err
+    except SimulationError as err:
+        LOG.info("the parameter file as it stands: %s", err)
+        return None
 
 
 def _explained(

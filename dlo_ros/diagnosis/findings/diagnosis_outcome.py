@@ -154,6 +154,8 @@ class Diagnosis:
         trace: every candidate of every step of the joint model's search.
         uncertain: causes that not all recordings show for certain.
         left_out: sentence on pictures that do not count; empty: all do.
+        given_err: ERR of the parameter file as it stands, on all recordings [m]; None where it
+            cannot be simulated.
     """
 
     verdict: Verdict
@@ -176,3 +178,4 @@ class Diagnosis:
     trace: tuple[Step, ...] = ()
     uncertain: tuple[NamedEffect, ...] = ()
     left_out: str = ""
+    given_err: float | None = None

@@ -25,7 +25,9 @@ class Anisotropy(Effect):
 
     name: ClassVar[str] = "anisotropy"
     title: ClassVar[str] = "flat section"
-    phrase: ClassVar[str] = "the DLO is flat and bends more easily to one side than to the other"
+    phrase: ClassVar[str] = (
+        "the DLO is flat and bends more easily about one axis of its section than about the other"
+    )
 
     ratio: float = quantity(
         1.0, "", 0.01, 100.0, "the other bending stiffness over B", role="ratio", tolerance=0.1,
