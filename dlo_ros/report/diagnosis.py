@@ -124,9 +124,9 @@ def _errors(recordings: Sequence[DiagnosedRecording], report: DiagnosisReport) -
     headers = ["recording", "plain model", "extended model"][: 3 if report.extends else 2]
     rows = [[r.name, *_mean_errors(r, report)] for r in recordings]
     text = paragraph(
-        "Mean distance from the observed shapes of the models that are drawn here, which know all "
-        "of these recordings but those given with --holdout; the numbers above are those of data "
-        "that were kept from a fit:"
+        "Mean distance between simulated and observed shapes. The models that are drawn here were "
+        "fitted to all of these recordings but those given with --holdout; the numbers above are "
+        "of recordings, or ends of recordings, that no fit has used."
     )
     return text + table(headers, rows)
 
@@ -284,8 +284,8 @@ def _setup(report: DiagnosisReport) -> str:
     parts = [
         paragraph(
             "Every set-up is a little off. These numbers were fitted beside the causes, each with "
-            "a tolerance: what careful work achieves. What has none is only guessed in the "
-            "parameter file, or need not act at all."
+            "a tolerance: what careful work achieves. Where there is none, the parameter file only "
+            "guesses the number, or it belongs to something that need not act at all."
         )
     ]
     if notable:
@@ -308,8 +308,8 @@ def _trace(report: DiagnosisReport) -> str:
     text = paragraph(
         "Gain: how much the natural logarithm of the evidence rises with the candidate; 3 is "
         "twenty to one. ERR is that on the recordings learned from. Numbers of the set-up are "
-        "fitted from the beginning: one beyond its tolerance is named without a step, and what is "
-        "not certain in the end is not named in spite of its step. "
+        "fitted from the beginning: one clearly beyond its tolerance is named without a step, and "
+        "what is not certain in the end is not named in spite of its step. "
         f"{len(report.trace) - len(rows)} more candidates were not simulated, since the linearised "
         "model predicts that they gain less; report.json has them."
     )
