@@ -208,7 +208,8 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
     text = story(found, length, f"{EXTENDED} (beside this page)")
     remarks = list(found.remarks)
     if found.simulation_error is not None:
-        remarks.append(f"The simulation's own, numerical error is {mm(found.simulation_error)} at most.")
+        own = mm(found.simulation_error)
+        remarks.append(f"The simulation's own, numerical error is {own} at most.")
     rivals = any(e.rivals for e in found.effects)
     command = " ".join(separating(Path(), Path(DESIGN))) if rivals else ""
     return DiagnosisReport(
