@@ -5,21 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
 from dlo_ros.errors import DloError
 from dlo_ros.inference.forecast import Manipulation, forecast, warn_of_instability
+from dlo_ros.inference.smoothly_led import smoothly_led
 from dlo_ros.parameters import Settings
 from dlo_ros.report.loads import LoadRow
 from dlo_ros.rod.loads.extreme_loads import Extremes
-from dlo_ros.smooth_command import smoothed
-
-CORNER = 2e-3
-"""Distance of a motion's straight pieces from a smooth path through its points, over the length of
-the DLO, from which a point is a corner: ten times what a robot arm leaves that is recorded at the
-rate of a camera."""
 
 
 def borne(recordings: Sequence[Manipulation], settings: Settings) -> tuple[LoadRow, ...]:
@@ -31,8 +25,7 @@ def borne(recordings: Sequence[Manipulation], settings: Settings) -> tuple[LoadR
     rows, length = [], settings.rod.length
     for recording in recordings:
         with suppress(DloError):
-            smooth = tuple(smoothed(c, CORNER * length, length) for c in recording.commands)
-            found = forecast(replace(recording, commands=smooth), settings, loads=True)
+            found = forecast(smoothly_led(recording, length), settings, loads=True)
             warn_of_instability(found, recording.name)
             if not found.loadings:  # the rod model does not say what is borne
                 continue

@@ -35,6 +35,7 @@ from dlo_ros.identification.force_scale import (
 )
 from dlo_ros.identification.information import diameter_error
 from dlo_ros.inference.forecast import Manipulation, forecast
+from dlo_ros.inference.smoothly_led import smoothly_led
 from dlo_ros.inference.thresholds import UNBOUNDED
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
@@ -57,7 +58,8 @@ def with_forces(
         recordings: recordings that the diagnosis was learned from.
         given: the parameter file.
     """
-    measured = [r for r in recordings if r.wrenches]
+    length = given.rod.length
+    measured = [smoothly_led(r, length) for r in recordings if r.wrenches]
     if not measured:
         return found
     try:

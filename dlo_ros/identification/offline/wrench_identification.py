@@ -35,6 +35,7 @@ from dlo_ros.identification.offline.set_up_estimate import MaterialFit
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.inference.parameter import value_of, with_values
+from dlo_ros.inference.smoothly_led import smoothly_led
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
@@ -88,7 +89,8 @@ def information_with_forces(
         SimulationError: a recording cannot be simulated.
     """
     spans = (recording.spans for recording in found.recordings)
-    pairs = [(r, s) for r, s in zip(train, spans, strict=True) if r.wrenches]
+    length = given.rod.length
+    pairs = [(smoothly_led(r, length), s) for r, s in zip(train, spans, strict=True) if r.wrenches]
     if not pairs:
         return None
     # Shapes and forces alike determine E D^4 and mu D^2: the error of D is added at the end.

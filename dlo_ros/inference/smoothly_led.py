@@ -1,0 +1,28 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A recording whose grips are led along a smooth path through the points of its commands.
+
+Shapes hardly tell the difference, but forces do: at each corner of straight pieces what is held is
+accelerated in an instant, and waves run along the DLO's axis that no sensor sees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.smooth_command import smoothed
+
+CORNER = 2e-3
+"""Distance of a motion's straight pieces from a smooth path through its points, over the length of
+the DLO, from which a point is a corner: ten times what a robot arm leaves that is recorded at the
+rate of a camera."""
+
+
+def smoothly_led(recording: Manipulation, length: float) -> Manipulation:
+    """The recording with commands that are smooth but for their corners, see `smoothed`.
+
+    Args:
+        length: length of the DLO [m].
+    """
+    commands = tuple(smoothed(c, CORNER * length, length) for c in recording.commands)
+    return replace(recording, commands=commands)
