@@ -252,6 +252,15 @@ class Quantity:
         low, high = (share * self.scale(rope) for share in shares)
         return max(low, self.lower), min(high, self.upper)
 
+    def range_around(self, value: float, rope: RopeScale) -> tuple[float, float]:
+        """Lowest and highest value between which the number means the same as a value, in `unit`.
+
+        It is the range of the search where the value lies in that, else all of the range: beyond an
+        end of the DLO a place is that end, and a moment before the first frame may stand for none.
+        """
+        low, high = self.search_for(rope)
+        return (low, high) if low <= value <= high else (self.lower, self.upper)
+
 
 def quantity(
     neutral: float,

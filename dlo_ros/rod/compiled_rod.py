@@ -49,7 +49,6 @@ KEPT = 8
 """Compiled rods of one model, and rods whose variants are kept."""
 PAIRS_KEPT = 256
 """Pairs of varied rods that are kept: one for each parameter of those rods."""
-SIDES = (1.0, -1.0)
 
 
 @dataclass(frozen=True)
@@ -121,12 +120,14 @@ class RodVariants:
     Args:
         models: the rods with each parameter above and below its value.
         slipping: whether each of them may slip otherwise than the rod itself.
+        amounts: amounts by which the parameters differ in them.
         system: numbers of the rod, then those of the variants.
         step, rates, kind: fields of the parameters, see `SensitivityState`.
     """
 
     models: tuple[tuple[RodModel, RodModel], ...]
     slipping: tuple[tuple[bool, bool], ...]
+    amounts: tuple[tuple[float, float], ...]
     system: System
     step: FloatArray
     rates: Rates
@@ -167,9 +168,9 @@ def _compiled(
     for k, name in enumerate(names):
         pair = [own, own]
         if any(rods.slipping[k]) or _acts_on_command(name):
-            both = zip(SIDES, rods.models[k], rods.slipping[k], strict=True)
-            for j, (side, rod, slipping) in enumerate(both):
-                there = true_command(rod, _asked(command, name, side * float(rods.step[k])))
+            both = zip(rods.amounts[k], rods.models[k], rods.slipping[k], strict=True)
+            for j, (amount, rod, slipping) in enumerate(both):
+                there = true_command(rod, _asked(command, name, amount))
                 if slipping or there is not true:
                     pair[j] = imposed_of(rod if slipping else model, boundary, there)
         commands += pair
@@ -189,15 +190,20 @@ def _variants(rod: Rod, names: tuple[str, ...], flat: bool) -> RodVariants:
     for name in names:
         pair = (model, model) if acts_on_measurement(name) else _varied(rod, name)
         # An effect on the command leaves the rod as it is, too.
-        varied = pair[0] is not model and _acts_on_rod(name)
-        systems += [parts_of(m, flat=flat) if varied else first for m in pair]
+        differs = [m is not model and _acts_on_rod(name) for m in pair]
+        systems += [
+            parts_of(m, flat=flat) if d else first for m, d in zip(pair, differs, strict=True)
+        ]
         models.append(pair)
-        above, below = (varied and bool(m.body.slip or model.body.slip) for m in pair)
+        above, below = (
+            d and bool(m.body.slip or model.body.slip) for m, d in zip(pair, differs, strict=True)
+        )
         slipping.append((above, below))
     system = stacked(systems)
-    step = np.array([variation_of(model.settings, n).step for n in names], dtype=np.float64)
+    amounts = tuple(variation_of(model.settings, name).amounts() for name in names)
+    step = np.array([0.5 * (above - below) for above, below in amounts], dtype=np.float64)
     return RodVariants(
-        tuple(models), tuple(slipping), system, step, _rates(system, step), _kind(model)
+        tuple(models), tuple(slipping), amounts, system, step, _rates(system, step), _kind(model)
     )
 
 
@@ -207,8 +213,10 @@ def _varied(rod: Rod, name: str) -> tuple[RodModel, RodModel]:
     model, settings = rod.model, rod.model.settings
     if name in POSES:
         return model, model
-    step = variation_of(settings, name).step
-    above, below = (model.with_settings(changed(settings, name, side * step)) for side in SIDES)
+    above, below = (
+        model if amount == 0.0 else model.with_settings(changed(settings, name, amount))
+        for amount in variation_of(settings, name).amounts()
+    )
     return above, below
 
 
@@ -293,6 +301,6 @@ def _differs(imposed: conditions.Imposed, own: conditions.Imposed) -> bool:
 
 def both_sides(model: RodModel, command: Command, name: str) -> list[tuple[RodModel, Command]]:
     """Rod and command with a parameter above and below its value."""
-    step = variation_of(model.settings, name).step
-    pair = zip(SIDES, _varied(Rod.of(model), name), strict=True)
-    return [(rod, _asked(command, name, side * step)) for side, rod in pair]
+    amounts = variation_of(model.settings, name).amounts()
+    pair = zip(amounts, _varied(Rod.of(model), name), strict=True)
+    return [(rod, _asked(command, name, amount)) for amount, rod in pair]

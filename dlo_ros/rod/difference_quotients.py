@@ -19,7 +19,7 @@ from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 WIDENING = 100.0
-"""Half the distance of two variants over that of the sensitivities themselves, `variation_of`.
+"""Distance of two variants over that of the sensitivities themselves, `variation_of`.
 
 Those follow the steps of one integration. Two integrations of their own may differ by rounding and
 by the tolerance of their iterations, which a wider quotient divides by more.
@@ -49,7 +49,7 @@ class DifferenceQuotients(RodSimulation):
         self, middle: RodSimulation, parameters: Sequence[str],
         sides: Sequence[RodSimulation] = (), kind: RodSimulationClass | None = None,
     ) -> None:  # fmt: skip
-        _step_sizes(middle.settings, parameters)
+        _amounts(middle.settings, parameters)
         self.parameters = tuple(parameters)
         self._kind = kind
         self._sides = list(sides)
@@ -131,7 +131,8 @@ class DifferenceQuotients(RodSimulation):
         """Predictions of the simulation with the derivatives that the others give."""
         if not self.parameters:
             return middle
-        width = 2.0 * np.array(_step_sizes(self.settings, self.parameters))[:, None, None]
+        above, below = np.array(_amounts(self.settings, self.parameters)).T
+        width = (above - below)[:, None, None]
         result = []
         for k, one in enumerate(middle):
             points = np.array([track[k].control_points[:, :3] for track in sides])
@@ -175,8 +176,10 @@ class DifferenceQuotients(RodSimulation):
         return DifferenceQuotients.of_present(self._middle.fork(self.settings), parameters)
 
 
-def _step_sizes(settings: RodSettings, parameters: Sequence[str]) -> list[float]:
-    """Half the distance of the variants of each parameter, in its own unit or of its logarithm.
+def _amounts(settings: RodSettings, parameters: Sequence[str]) -> list[tuple[float, float]]:
+    """Amounts by which the variants above and below each parameter differ from it.
+
+    They are in its own unit, or of its logarithm; see `ParameterVariation.amounts`.
 
     Raises:
         InputError: an unknown parameter, or the pose of a clamp.
@@ -187,14 +190,15 @@ def _step_sizes(settings: RodSettings, parameters: Sequence[str]) -> list[float]
                 f"no sensitivity to '{name}': this rod model has none of its own, and difference "
                 "quotients vary material, damping, gravity, length and effects only"
             )
-    return [WIDENING * STEP * variation_of(settings, name).natural for name in parameters]
+    found = [variation_of(settings, name) for name in parameters]
+    return [each.amounts(WIDENING * STEP * each.natural) for each in found]
 
 
 def variants(settings: RodSettings, parameters: Sequence[str]) -> list[RodSettings]:
     """The settings with each of P parameters above and below its value, 2 P of them."""
-    sizes = _step_sizes(settings, parameters)
+    amounts = _amounts(settings, parameters)
     return [
-        changed(settings, name, side * size)
-        for name, size in zip(parameters, sizes, strict=True)
-        for side in (1.0, -1.0)
+        changed(settings, name, amount)
+        for name, pair in zip(parameters, amounts, strict=True)
+        for amount in pair
     ]

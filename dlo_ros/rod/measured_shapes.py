@@ -11,7 +11,7 @@ from dlo_ros.command import NANOSECONDS
 from dlo_ros.effects import Effect, build
 from dlo_ros.effects.base import MEASUREMENT
 from dlo_ros.rod.parameter_names import acts_on
-from dlo_ros.rod.sensitivity_parameters import STEP, varied
+from dlo_ros.rod.sensitivity_parameters import STEP, variation_of, varied
 from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import FloatArray
 
@@ -38,14 +38,14 @@ class MeasurementMap:
         self._measuring = [p for p, name in enumerate(parameters) if acts_on(name, MEASUREMENT)]
         for p in self._measuring:
             name = parameters[p]
-            above, below = (
-                build(varied(settings, name, side * STEP).effects) for side in (1.0, -1.0)
-            )
+            amounts = variation_of(settings, name).amounts(STEP)
+            above, below = (build(varied(settings, name, d).effects) for d in amounts)
             (high, far), (low, near) = _affine(above), _affine(below)
-            self._map_rate[p] = (high - low) / (2.0 * STEP)
-            self._shift_rate[p] = (far - near) / (2.0 * STEP)
+            width = amounts[0] - amounts[1]
+            self._map_rate[p] = (high - low) / width
+            self._shift_rate[p] = (far - near) / width
             late = sum(e.later() for e in above) - sum(e.later() for e in below)
-            self.later_rate[p] = late / (2.0 * STEP)
+            self.later_rate[p] = late / width
 
     def measured(self, shape: FloatArray) -> FloatArray:
         """Control points as measured, of true ones; shape (..., n, 4), theta as it is."""

@@ -9,6 +9,7 @@ A parameter is named as in the parameter file: `young_modulus`, `density`, `air_
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -41,15 +42,31 @@ class ParameterVariation:
 
     Args:
         name: see above.
-        step: half the distance of its two variants, in its own unit (or of the logarithm).
+        step: how far its two variants are from it where its range allows, in its own unit (or of
+            the logarithm).
         vary: settings and command with the parameter changed by an amount in that unit.
         natural: natural size of the parameter, in that unit.
+        room: how far it may grow and how far it may fall within its range, in that unit.
     """
 
     name: str
     step: float
     vary: Callable[[RodSettings, Command, float], tuple[RodSettings, Command]]
     natural: float = 1.0
+    room: tuple[float, float] = (math.inf, math.inf)
+
+    def amounts(self, step: float | None = None) -> tuple[float, float]:
+        """Amounts by which the variants above and below differ from the parameter.
+
+        At an end of the range one of them is 0, and the quotient a one-sided one: beyond it the
+        variant would be another kind of rod, or the same.
+
+        Args:
+            step: how far they are from it where its range allows; None: `step`.
+        """
+        wanted = self.step if step is None else step
+        up, down = self.room
+        return min(wanted, up), -min(wanted, down)
 
 
 def known(settings: RodSettings) -> tuple[str, ...]:
@@ -148,10 +165,15 @@ def varied(settings: RodSettings, name: str, amount: float) -> RodSettings:
 
 def _effect_variation(settings: RodSettings, name: str) -> ParameterVariation:
     effect, key, index = parsed(name)
-    value: Any = settings.effects[effect][key]  # a number, or as many as there are indices
-    size = abs(value if index is None else value[index])
+    given: Any = settings.effects[effect][key]  # a number, or as many as there are indices
+    value = float(given if index is None else given[index])
+    size = abs(value)
     quantity = quantities(effect)[key]
     natural = settings.scale.unit(quantity.unit) if quantity.unit in ("m", "1/m") else 1.0
     size = size if size > 0.0 else natural
     step = STEP * size if effects()[effect].differentiable else CONTACT_STEP * natural
-    return ParameterVariation(name, step, lambda s, c, d: (varied(s, name, d), c), size)
+    low, high = quantity.range_around(value, settings.scale)
+    return ParameterVariation(
+        name, step, lambda s, c, d: (varied(s, name, d), c), size,
+        (max(high - value, 0.0), max(value - low, 0.0)),
+    )  # fmt: skip
