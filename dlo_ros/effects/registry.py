@@ -29,7 +29,7 @@ Values = Mapping[str, Mapping[str, "float | tuple[float, ...]"]]
 
 @lru_cache(maxsize=1)
 def effects() -> Mapping[str, type[Effect]]:
-    """All effects by name: those of this package, then those of others."""
+    """All effects by name: those of this package, each part of it by the alphabet, then others."""
     found: dict[str, type[Effect]] = {}
     for package in (physics, measurement):
         for module in pkgutil.iter_modules(package.__path__):
@@ -162,14 +162,18 @@ def build(values: Values) -> tuple[Effect, ...]:
     """The effects with the given values; keys that are not given are neutral.
 
     The values are used as they are: `check` has seen those of a file. Their order means nothing:
-    what needs commanded frames comes first.
+    what needs commanded frames comes first, all else as `effects` lists it, so that a camera's
+    rotation, scale and shift, which do not commute, follow each other as the bags of `synthesize`
+    have them.
     """
     known = effects()
-    found = [
-        _made(known[name], tuple(keys.items()))  # type: ignore[arg-type]  # classes are hashable
-        for name, keys in values.items()
-    ]
-    return tuple(sorted(found, key=lambda effect: not effect.of_commanded_frames))
+    place = {
+        name: (not kind.of_commanded_frames, k) for k, (name, kind) in enumerate(known.items())
+    }
+    return tuple(
+        _made(known[name], tuple(values[name].items()))  # type: ignore[arg-type]  # hashable
+        for name in sorted(values, key=place.__getitem__)
+    )
 
 
 @lru_cache(maxsize=EFFECTS_KEPT)

@@ -2,14 +2,18 @@
 """Effects on a rod in motion, and on what a camera measures of it."""
 
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 import pytest
 from lifted_rods import STAMPS, lifted, shapes, simulate
 from rods import PAPER, SECOND, command
+from scipy.spatial.transform import Rotation
 
 from dlo_ros.effects import build
+from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.spline import SplineBasis
+from dlo_ros.synthesis.hidden_effects import HiddenEffects
 
 ROD = PAPER.rod
 
@@ -81,6 +85,19 @@ def test_what_is_measured_is_taken_back():
         (effect,) = build({name: keys})
         assert np.abs(effect.measured(points) - points).max() > 0.01
         np.testing.assert_allclose(effect.true(effect.measured(points)), points, atol=1e-14)
+
+
+@pytest.mark.parametrize("names", [*permutations(("rotation", "scale", "shift"))], ids="-".join)
+def test_errors_of_a_camera_act_in_one_order_whatever_the_files(names):
+    keys = {"rotation": {"angle": 0.1}, "scale": {"ratio": 1.1}, "shift": {"x": 0.1, "z": 0.2}}
+    given = {f"camera_{name}": keys[name] for name in names}
+    points = np.array([[0.1, 0.0, 0.2], [0.3, 0.1, -0.2]])
+    mapping = MeasurementMap(PAPER.with_effects(given))
+    turned = Rotation.from_rotvec([0.0, 0.1, 0.0]).apply(points)
+    expected = turned / 1.1 + np.array([0.1, 0.0, 0.2])
+    np.testing.assert_allclose(mapping.measured(points), expected, atol=1e-14)
+    np.testing.assert_allclose(mapping.true(mapping.measured(points)), points, atol=1e-14)
+    np.testing.assert_allclose(HiddenEffects(given).measured(points), expected, atol=1e-14)
 
 
 @pytest.mark.parametrize("offset", [(0.004, -0.006), (0.004, 0.0, -0.006)])
