@@ -225,7 +225,7 @@ class Simulation(RodSimulation):
             steady(boundary, state, true_command(model, command), stops[-1], held)
             command = course.begin(state.stamp, command, state.q, model.basis)
             course.following = command
-            flat = in_plane(model, state, command, self._rod_parameters)
+            flat = in_plane(model, state, true_command(model, command), self._rod_parameters)
             # In space the loads on a shape need its whole state, so stops come one by one.
             together = not self._loads or (flat and model.plain and dense([state.stamp, *stops]))
             fast = self._loads or bool(self.parameters)

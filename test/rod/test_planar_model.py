@@ -194,6 +194,31 @@ def test_a_live_simulation_holds_and_recovers(caplog):
     assert np.all(np.isfinite(live.advance(SECOND + 1000).control_points))
 
 
+def test_a_clamp_that_is_found_beside_the_plane_leaves_it_at_once():
+    """Stops in one call are those one by one: axial twist is published, not theta."""
+    soft = replace(PAPER, rod=replace(PAPER.rod, young_modulus=5e6))
+    share = SplineBasis(10, 0.4).greville / 0.4
+    first = np.zeros((10, 4))
+    first[:, 0], first[:, 2] = 0.26 * share, -0.1 * np.sin(np.pi * share)
+    imposed = command(
+        ["start", "end"], [0.0, 0.2],
+        [[[0.0, 0.0, 0.0], [0.26, 0.0, 0.0]], [[0.02, 0.0, 0.04], [0.26, 0.0, 0.0]]],
+    )  # fmt: skip
+    stops = [k * SECOND // 100 for k in (6, 7, 8, 9)]
+
+    def seen(follow):
+        simulation = Simulation(soft, Motion([imposed]), spans=12)
+        simulation.start([Observation(0, first)])
+        simulation.advance(SECOND // 20)
+        simulation.update(soft.with_effects({"clamp_offset": {"end": (0.0, 0.003, 0.0)}}))
+        return np.array([p.control_points for p in follow(simulation)])
+
+    together = seen(lambda simulation: simulation.advance_through(stops))
+    apart = seen(lambda simulation: [simulation.advance(stop) for stop in stops])
+    assert np.abs(apart[:, :, 1]).max() > 2e-3
+    np.testing.assert_allclose(together, apart, atol=2e-4)
+
+
 def turned(angle, stamp):
     """The start held and turned downwards by an angle [rad]."""
     rotation = [0.0, np.sin(0.5 * angle), 0.0, np.cos(0.5 * angle)]
