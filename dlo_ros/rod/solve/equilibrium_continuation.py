@@ -30,6 +30,7 @@ from dlo_ros.rod.solve.generalised_alpha import (
 from dlo_ros.rod.solve.integrator_state import TIME, assign
 
 MOVE_LIMIT = 0.05  # imposed motion per increment, of L
+LIGHTEST = 0.9  # share of the longest move that the lightest motion of an increment may take
 TURN_LIMIT = 0.15  # imposed rotation per increment [rad]
 ROUNDING = 1e-9  # share of the imposed motion that is none
 CONTRAST = 10.0  # of bending stiffnesses within a DLO, to which its start is led at once
@@ -38,14 +39,16 @@ ESCAPES = 4
 
 
 @linked()
-def _increments(system, q, target, gap, before, after):
-    """Number of steps of the imposed motion with which the branch is not lost; see
-    `newton_iteration.longest_move`.
+def _increments(system, mass, spin, q, target, gap, before, after):
+    """Number of steps of the imposed motion with which the branch is not lost, and none of which
+    is too long for one iteration; see `newton_iteration.longest_move`.
     """
+    all_of_it = np.zeros(q.size)
     move, turn, dof = np.abs(gap).max() if gap.size else 0.0, 0.0, q.shape[1]
     for i in range(q.size):
         if system.fixed[i]:
-            change = abs(target.ravel()[i] - q.ravel()[i])
+            all_of_it[i] = target.ravel()[i] - q.ravel()[i]
+            change = abs(all_of_it[i])
             if i % dof == 3:
                 turn = max(turn, change)
             else:
@@ -53,7 +56,9 @@ def _increments(system, q, target, gap, before, after):
     for end in range(2):
         cosine = np.dot(before[end, TANGENT:DIRECTOR], after[end, TANGENT:DIRECTOR])
         turn = max(turn, np.arccos(min(max(cosine, -1.0), 1.0)))
-    steps = max(move / system.length / MOVE_LIMIT, turn / TURN_LIMIT)
+    lightest = newton_iteration.lightest_move(mass, spin, system.fixed, system.pins, all_of_it, gap)
+    farthest = LIGHTEST * newton_iteration.FARTHEST
+    steps = max(max(move / MOVE_LIMIT, lightest / farthest) / system.length, turn / TURN_LIMIT)
     return max(1, int(np.ceil(steps)))
 
 
@@ -111,10 +116,10 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
     q, ref, internal, rule = rest.q, state.reference, rest.internal, system.rule
     for a in range(gap.size):  # what the pins lack, each increment its share
         gap[a] -= np.dot(system.pins[a], q.ravel())
-    count = _increments(system, q, target, gap, state.frames, rest.frames)
+    mass, spin = inertia_of(system, ITSELF, factor, 1.0, 0.0)
+    count = _increments(system, mass, spin, q, target, gap, state.frames, rest.frames)
     total, negative, buckled = 0, 0, False
     load = load_of(system, ITSELF, factor).ravel()
-    mass, spin = inertia_of(system, ITSELF, factor, 1.0, 0.0)
     matter = material_at_rest(system, ITSELF, factor, internal)
     if fresh:
         matter = frictionless(matter)

@@ -350,6 +350,31 @@ def softest(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
 
 
 @linked()
+def lightest_move(mass, spin, fixed, pins, increment, gap):
+    """Largest move of a control point in the lightest motion that makes an imposed change [m].
+
+    It is to that motion that the first step of `equilibrium` tends as its mass shift grows. What a
+    pin lacks takes control points beside it about twice as far, and more where a mass hangs there.
+
+    Args:
+        mass, spin, fixed, pins, increment, gap: as in `equilibrium`.
+    """
+    size = fixed.size
+    band, diagonal = np.zeros((size, 4 * (size // mass.shape[0]))), np.empty(size)
+    steps = np.zeros((1, size))
+    add_scalar_band(band, mass, spin, 1.0)
+    eliminate(band, fixed, steps, increment.reshape(1, size))
+    banded_factorisation.factorise(band, diagonal)
+    y, schur = compliance(band, diagonal, pins)
+    step = steps[0]
+    banded_factorisation.solve(band, diagonal, step)
+    if not constrain(pins, y, schur, gap, step):
+        return 0.0  # no motion closes the gap, as the search itself will find
+    move, _ = _largest(step, size // mass.shape[0])
+    return move
+
+
+@linked()
 def factorised_mass(mass, spin, fixed, rhs):
     """Factors (band, diagonal) of the mass matrix, imposed degrees of freedom eliminated."""
     size = fixed.size
