@@ -163,16 +163,18 @@ def _compiled(
     system = held(rods.system, model, boundary, flat=flat)
     reaching = system.reach[1::2] != system.reach[2::2]
     true = true_command(model, command)
-    own = imposed_of(model, boundary, true)
+    own = imposed_of(model, boundary, command, true)
     commands, moves = [own], []
     for k, name in enumerate(names):
         pair = [own, own]
         if any(rods.slipping[k]) or _acts_on_command(name):
             both = zip(rods.amounts[k], rods.models[k], rods.slipping[k], strict=True)
             for j, (amount, rod, slipping) in enumerate(both):
-                there = true_command(rod, _asked(command, name, amount))
+                asked = _asked(command, name, amount)
+                there = true_command(rod, asked)
                 if slipping or there is not true:
-                    pair[j] = imposed_of(rod if slipping else model, boundary, there)
+                    own_slip = rod if slipping else model
+                    pair[j] = imposed_of(own_slip, boundary, asked, there)
         commands += pair
         moves.append(reaching[k] or any(_differs(x, own) for x in pair))
     return Compiled(

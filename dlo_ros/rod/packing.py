@@ -123,14 +123,22 @@ def true_command(model: RodModel, command: Command) -> Command:
     return true
 
 
-def imposed_of(model: RodModel, boundary: Boundary, command: Command) -> conditions.Imposed:
-    """A command for compiled code, with the length that slips through a grip meanwhile."""
-    imposed, body = boundary.imposed(command), model.body
+def imposed_of(
+    model: RodModel, boundary: Boundary, command: Command, true: Command
+) -> conditions.Imposed:
+    """What is truly imposed for compiled code, with the length that slips through a grip meanwhile.
+
+    Args:
+        command: command as it was given, effects not applied; over its path the grip slips.
+        true: the same with effects applied.
+    """
+    imposed, body = boundary.imposed(true), model.body
     if not body.slip:
         return imposed
     share = body.slip / (model.basis.length * body.lengthening)
     if body.slip_step is None:
-        return imposed._replace(gain=share * command.progress)
+        # An effect may add points, between which the command progresses as before.
+        return imposed._replace(gain=share * np.interp(true.times, command.times, command.progress))
     onset, duration = body.slip_step
     return imposed._replace(slip_step=np.array([share, onset + command.began_at, duration]))
 

@@ -47,6 +47,19 @@ def test_slip_makes_the_rod_longer_as_far_as_the_motion_has_gone():
     assert arc_length(half[0]) == pytest.approx(ROD.length + 0.01, rel=2e-4)
 
 
+def test_the_path_over_which_a_grip_slips_is_the_commanded_one():
+    """A hand that turns leads the DLO further than its frame where it holds it beside that."""
+    turns = Rotation.from_rotvec([[0.0, 0.0, 0.0], [0.0, -0.8, 0.0]]).as_quat()
+    turned = replace(lifted(), rotations=turns[:, None])
+    damped = replace(PAPER, damping=replace(PAPER.damping, air_drag=1.0, relaxation_time=0.1))
+    effects = {"clamp_slip": {"length": 0.02}, "grip_offset": {"start": (0.0, 0.02)}}
+    half, whole = simulate(
+        damped.with_effects(effects), turned, [SECOND // 4, SECOND], spans=28
+    )[0]  # fmt: skip
+    assert arc_length(half) == pytest.approx(ROD.length + 0.01, rel=2e-4)
+    assert arc_length(whole) == pytest.approx(ROD.length + 0.02, rel=2e-4)
+
+
 def arc_length(prediction):
     basis = SplineBasis(ROD.control_points, ROD.length)
     u, weight = basis.quadrature(8)

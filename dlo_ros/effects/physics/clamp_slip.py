@@ -22,8 +22,8 @@ class ClampSlip(Effect):
     """Free length gained through a grip; the material coordinate is spread evenly over the DLO.
 
     Geometry, no source: true free length = L + length s [m]. Without an onset s is the part of
-    their path that the imposed points have travelled, and `length` is gained at the end of the
-    commanded motion. With one the grip gives way at that moment: s = r^2 (3 - 2 r) with
+    their commanded path that the imposed points have travelled, and `length` is gained at the end
+    of the commanded motion. With one the grip gives way at that moment: s = r^2 (3 - 2 r) with
     r = (t - onset) / duration from 0 to 1, times in s. Before the onset the DLO is that without
     the effect, after the duration one with a `length_error` of `length`.
     """

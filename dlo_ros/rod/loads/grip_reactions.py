@@ -155,7 +155,7 @@ def growth_of(
     if not model.body.slip:
         return 1.0, 0.0
     true = true_command(model, command)
-    imposed = imposed_of(model, boundary, true)
+    imposed = imposed_of(model, boundary, command, true)
     time = (stamp - true.stamp) / NANOSECONDS + MOMENT * np.array([-1.0, 0.0])
     share, onset, duration = imposed.slip_step
     s = np.clip((time - onset) / duration, 0.0, 1.0)
