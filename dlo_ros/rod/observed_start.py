@@ -24,7 +24,7 @@ from dlo_ros.rod.compiled_rod import both_sides, compiled
 from dlo_ros.rod.dynamics import accelerated
 from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import nothing_varies, true_command
+from dlo_ros.rod.packing import growth_at, nothing_varies, true_command
 from dlo_ros.rod.parameter_names import acts_on
 from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
@@ -73,7 +73,7 @@ def observed_start(
     """
     begun = _Begun(model, boundary, first, measurement, None)
     reachable(model, begun.held, boundary)
-    shape, pull = Relaxation(model, boundary, begun.held, begun.seen[-1]).solution()
+    shape, pull = begun.relaxation.solution()
     still, true = begun.state(shape), true_command(model, first.command)
     flat = in_plane(model, still, true, parameters)
     rod = compiled(model, boundary, first.command, parameters, flat=flat)
@@ -117,6 +117,8 @@ class _Begun:
         self._resting: dict[tuple[bytes, float], State] = {} if near is None else near._resting
         at_rest = self._at_rest(self.seen[-1])
         self.held = hold(model, boundary, at_rest, first.command, first.stamp)
+        since = np.array([(first.stamp - first.command.stamp) / NANOSECONDS])
+        self._growth = float(growth_at(model, boundary, first.command, since)[0])
 
     def _at_rest(self, shape: FloatArray, angle: float = 0.0) -> State:
         """The rod at rest in a shape (n, 4), which many variants of it share.
@@ -130,12 +132,16 @@ class _Begun:
             self._resting[key] = rest_state(stamp, shape, self.model, self._frame, angle)
         return self._resting[key]
 
+    @property
+    def relaxation(self) -> Relaxation:
+        """The search for the shape that it begins with."""
+        return Relaxation(self.model, self.boundary, self.held, self.seen[-1], self._growth)
+
     def shape_near(self, shape: FloatArray, pull: float, other: _Begun) -> FloatArray:
         """The shape (n, 4) of the start, where that of another is known, found with a pull."""
         if self._begins_as(other):
             return shape
-        relaxation = Relaxation(self.model, self.boundary, self.held, self.seen[-1])
-        return relaxation.solution_near(shape, pull)
+        return self.relaxation.solution_near(shape, pull)
 
     def _begins_as(self, other: _Begun) -> bool:
         """Whether the first shapes, and all that decides how they are held, are the same."""
@@ -143,6 +149,7 @@ class _Begun:
             all(np.array_equal(a, b) for a, b in zip(self.seen, other.seen, strict=True))
             and np.array_equal(self.held.target[:, :3], other.held.target[:, :3])
             and np.array_equal(self.held.pins, other.held.pins)
+            and self._growth == other._growth
             and np.array_equal(
                 self.model.stiffness.stretch_rest, other.model.stiffness.stretch_rest
             )

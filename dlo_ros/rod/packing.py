@@ -143,6 +143,28 @@ def imposed_of(
     return imposed._replace(slip_step=np.array([share, onset + command.began_at, duration]))
 
 
+def growth_at(
+    model: RodModel, boundary: Boundary, command: Command, times: FloatArray
+) -> FloatArray:
+    """Free length over the model's at S times, see `equation_system.growth`.
+
+    Args:
+        command: command that the rod follows, effects not applied.
+        times: times from the command's start [s], shape (S,).
+
+    Returns:
+        Shape (S,).
+    """
+    if not model.body.slip:
+        return np.ones(len(times))
+    imposed = imposed_of(model, boundary, command, true_command(model, command))
+    share, onset, duration = imposed.slip_step
+    s = np.clip((times - onset) / duration, 0.0, 1.0)
+    return np.asarray(
+        1.0 + share * s * s * (3.0 - 2.0 * s) + np.interp(times, imposed.times, imposed.gain)
+    )
+
+
 def moving_of(state: State, command: Command, *, flat: bool) -> IntegratorState:
     """A copy of a state for compiled code."""
     clock = [(state.stamp - command.stamp) / NANOSECONDS, state.last_step, state.next_step]

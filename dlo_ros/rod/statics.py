@@ -22,7 +22,7 @@ from dlo_ros.rod.elements.rod_tables import (
     Surroundings,
 )
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import rest_state_of, true_command, unchanged
+from dlo_ros.rod.packing import growth_at, rest_state_of, true_command, unchanged
 from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.sensitivity import sensitive_equilibrium
 from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
@@ -60,7 +60,9 @@ class Equilibrium:
 def hold(model: RodModel, boundary: Boundary, state: State, command: Command, stamp: int) -> Held:
     """Degrees of freedom that the command holds at a stamp, for a rod in a given state."""
     true = true_command(model, command)
-    return boundary.held(true, stamp, state.q[[0, -1], 3], state.frames, model.body.lengthening)
+    time = np.array([(stamp - command.stamp) / NANOSECONDS])
+    longer = model.body.lengthening * float(growth_at(model, boundary, command, time)[0])
+    return boundary.held(true, stamp, state.q[[0, -1], 3], state.frames, longer)
 
 
 def settle(

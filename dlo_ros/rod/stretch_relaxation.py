@@ -41,16 +41,23 @@ class Relaxation:
         model, boundary: the rod, and where it is held.
         held: degrees of freedom that the command holds; it is free of twist.
         shape: observed shape in the simulation's basis, shape (n, 4).
+        growth: free length then over the model's, see `packing.growth_at`.
     """
 
-    def __init__(self, model: RodModel, boundary: Boundary, held: Held, shape: FloatArray) -> None:
+    def __init__(
+        self, model: RodModel, boundary: Boundary, held: Held, shape: FloatArray,
+        growth: float,
+    ) -> None:  # fmt: skip
         untwisted = held.target * [1.0, 1.0, 1.0, 0.0]
         self._model, self._boundary = model, boundary
         self._held = replace(held, target=untwisted)
         self._given = rest_state(0, led_back(model, boundary, shape), model)
         curvature = np.ascontiguousarray(self._given.strains.other[:, :2])
         twist = 0.0 * model.stiffness.twist + 1.0
-        self._soft = model.stiffness._replace(bend_rest=curvature, twist=twist)
+        stretched = growth * (1.0 + model.stiffness.stretch_rest) - 1.0
+        self._soft = model.stiffness._replace(
+            stretch_rest=stretched, bend_rest=curvature, twist=twist
+        )
         self._pulled = np.empty_like(self._given.q)
         rod_forces.multiply_scalar(model.gram, model.gram, self._given.q, self._pulled)
 

@@ -23,7 +23,7 @@ from dlo_ros.rod.integration import Track
 from dlo_ros.rod.loads.external_forces import ExternalForces
 from dlo_ros.rod.loads.stress_resultants import Instants, Stresses, cross, dot
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import imposed_of, true_command
+from dlo_ros.rod.packing import growth_at
 from dlo_ros.rod.state import State
 from dlo_ros.spline import FloatArray
 
@@ -154,13 +154,8 @@ def growth_of(
     """Free length over the model's and its rate [1/s], see `equation_system.growth`."""
     if not model.body.slip:
         return 1.0, 0.0
-    true = true_command(model, command)
-    imposed = imposed_of(model, boundary, command, true)
-    time = (stamp - true.stamp) / NANOSECONDS + MOMENT * np.array([-1.0, 0.0])
-    share, onset, duration = imposed.slip_step
-    s = np.clip((time - onset) / duration, 0.0, 1.0)
-    grown = 1.0 + share * s * s * (3.0 - 2.0 * s)
-    grown += np.interp(time, imposed.times, imposed.gain)
+    times = (stamp - command.stamp) / NANOSECONDS + MOMENT * np.array([-1.0, 0.0])
+    grown = growth_at(model, boundary, command, times)
     return float(grown[1]), float(grown[1] - grown[0]) / MOMENT
 
 
