@@ -92,7 +92,8 @@ class Body:
         slip: free length gained through a grip during the motion [m]; None: no grip slips.
         slip_step: time at which it begins to be gained, from the first frame, and the time that
             takes [s]; None: it is gained evenly.
-        hinged: whether a point bends as a grip does that gives, which is linear, shape (nb,).
+        hinge: compliance of the grips as one of bending, which is in `bend` and linear: curvature
+            over moment [1/(N m^2)], shape (nb,).
     """
 
     basis: SplineBasis
@@ -123,7 +124,7 @@ class Body:
     lengthening: float = 1.0
     slip: float | None = None
     slip_step: tuple[float, float] | None = None
-    hinged: bool | np.ndarray = False
+    hinge: FloatArray | float = 0.0
 
     def check(self) -> None:
         """Refuse a rod that effects have made impossible.
@@ -162,6 +163,11 @@ class Body:
                 "yields; give the angle 0 there, or leave effects.nonlinear_stiffness and "
                 "effects.plasticity out"
             )
+
+    @property
+    def hinged(self) -> np.ndarray:
+        """Whether a point bends as a grip does that gives, shape (nb,)."""
+        return np.broadcast_to(np.asarray(self.hinge) != 0.0, self.weight.shape)
 
     @property
     def bend_matrix(self) -> FloatArray:
@@ -210,7 +216,7 @@ class Body:
             turn = compliance / self.lengthening  # curvature counts per true length
             share = 2.0 / h * np.maximum(1.0 - np.abs(self.points - end) / h, 0.0)
             self.bend /= 1.0 + turn * share[:, None] * self.bend
-            self.hinged |= share > 0.0
+            self.hinge = self.hinge + turn * share
 
     def coverage(self, start: float, stop: float) -> FloatArray:
         """Share in [start, stop] at the quadrature points, shape (nb,).

@@ -83,7 +83,8 @@ def observed_start(
     varying, variant = nothing_varies(state, len(parameters)), 0
     for k, name in enumerate(parameters):
         pair = []
-        moved = rod.moves[k] or acts_on(name, MEASUREMENT)
+        # How far a grip gives depends on the stiffness of the DLO, too.
+        moved = rod.moves[k] or acts_on(name, MEASUREMENT) or model.settings.gives
         for varied, asked in both_sides(model, first.command, name):
             there, variant = still, variant + 1
             if moved:
@@ -153,7 +154,16 @@ class _Begun:
             and np.array_equal(
                 self.model.stiffness.stretch_rest, other.model.stiffness.stretch_rest
             )
+            and np.array_equal(self._hinges, other._hinges)
         )
+
+    @property
+    def _hinges(self) -> FloatArray:
+        """What decides how the DLO is bent where a grip gives, shape (m, 6)."""
+        body = self.model.body
+        hinge = np.broadcast_to(body.hinge, body.weight.shape)
+        numbers = np.column_stack([hinge, body.bend_matrix, body.bend_rest])
+        return np.asarray(numbers[body.hinged])
 
     def state(self, shape: FloatArray) -> State:
         """The state in a shape (n, 4), with the velocity that was observed, not accelerated."""

@@ -4,9 +4,10 @@
 An observed spline has noise along its axis, which stiff stretch would turn into violent vibration.
 The stretch energy is minimised, with a pull to the given shape and a bending energy that is zero in
 the given shape: without it, what is too short between two points that are held would buckle in
-waves as short as the basis allows. Pull and bending go from strong to weak together: a compression
-by a share e of the length is held straight while e^2 is less than 4 `pull` `bend` (beam on an
-elastic foundation).
+waves as short as the basis allows. Beside a grip that gives the DLO is turned by the given shape's
+moment, see `hinge_bending`. Pull and bending go from strong to weak together: a compression by a
+share e of the length is held straight while e^2 is less than 4 `pull` `bend` (beam on an elastic
+foundation).
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ from dlo_ros.spline import ORDER, FloatArray
 
 # Pull to the given shape and bending stiffness while what is held is approached, and at the end.
 STRONGEST, WEAKEST = 10.0, 1e-4
-APPROACH = 10  # steps to what is held
+APPROACH = 10  # steps to what is held, at least
+SMALLEST = 1e-3  # of the way there: a smaller step is not tried
 SLOWEST = 0.9  # of the pull: smaller reductions are not tried
 PROJECTIONS = 20  # onto the surface of a peg for each point of contact, at most
 STRAIGHT = 0.05  # of the length: radius of gyration that the bending stiffness stands for
@@ -53,6 +55,7 @@ class Relaxation:
         self._held = replace(held, target=untwisted)
         self._given = rest_state(0, led_back(model, boundary, shape), model)
         curvature = np.ascontiguousarray(self._given.strains.other[:, :2])
+        self._turned, self._bend_share = hinge_bending(model, boundary, curvature, growth)
         twist = 0.0 * model.stiffness.twist + 1.0
         stretched = growth * (1.0 + model.stiffness.stretch_rest) - 1.0
         self._soft = model.stiffness._replace(
@@ -67,14 +70,19 @@ class Relaxation:
         Raises:
             SimulationError: the shape cannot be led to what is held.
         """
-        best: FloatArray | None = self._given.q
-        for share in np.linspace(0.0, 1.0, APPROACH + 1)[1:]:
-            best = None if best is None else self._relaxed(best, STRONGEST, float(share))
-        if best is None:
-            raise SimulationError(
-                "the first observed shape cannot be held as commanded; check rod.length, the "
-                "command and the observed spline"
-            )
+        best, share, step = self._given.q, 0.0, 1.0 / APPROACH
+        while share < 1.0:
+            to = share + step if 1.0 - share > 1.5 * step else 1.0
+            found = self._relaxed(best, STRONGEST, to)
+            if found is not None:
+                best, share = found, to
+            elif step > SMALLEST:
+                step *= 0.5
+            else:
+                raise SimulationError(
+                    "the first observed shape cannot be held as commanded; check rod.length, the "
+                    "command and the observed spline"
+                )
         weak, ratio = STRONGEST, 0.5
         while weak > WEAKEST and ratio < SLOWEST:
             found = self._relaxed(best, ratio * weak, 1.0)
@@ -106,9 +114,10 @@ class Relaxation:
         stiffest, length = float(self._soft.stretch.mean()), model.basis.length
         pull = weak * stiffest / length**2
         bend = weak * stiffest * (STRAIGHT * length) ** 2 * np.array([1.0, 1.0, 0.0])
-        bend = np.tile(bend, (len(self._soft.bend), 1))
+        bend = self._bend_share[:, None] * bend
+        rest = self._soft.bend_rest + share * self._turned
         matter = Material(
-            self._soft._replace(bend=bend), 1.0, self._soft.bend_rest, LINEAR, FREE,
+            self._soft._replace(bend=bend, bend_rest=rest), 1.0, rest, LINEAR, FREE,
             NO_INTERNAL_VARIABLES, 0.0, 0.0,
         )  # fmt: skip
         target, found = given.q + share * (held.target - given.q), q.copy()
@@ -118,6 +127,41 @@ class Relaxation:
             pull * self._pulled, length, 1e-12,
         )  # fmt: skip
         return found if iterations > 0 else None
+
+
+def hinge_bending(
+    model: RodModel, boundary: Boundary, curvature: FloatArray, growth: float
+) -> tuple[FloatArray, FloatArray]:
+    """The bending beside grips that give, which an observed shape does not resolve.
+
+    The grip turns by its compliance times the moment of the observed curvature. An error of that
+    moment turns a soft grip far: the softer it is, the weaker it is held there, so that it follows
+    the observed direction of the DLO instead.
+
+    Args:
+        model, boundary: the rod, and where it is held; an end of free direction has no moment.
+        curvature: curvatures of the observed shape [1/m], shape (nb, 2).
+        growth: see `Relaxation`.
+
+    Returns:
+        Curvatures of the hinges [1/m], shape (nb, 2), and bending stiffness over that elsewhere,
+        shape (nb,).
+    """
+    body, result, share = model.body, np.zeros(curvature.shape), np.ones(len(curvature))
+    for held, first in ((boundary.clamped_start, True), (boundary.clamped_end, False)):
+        near = body.hinged & ((model.points < 0.5 * body.length) == first)
+        if not (held and near.any()):
+            continue
+        give = np.asarray(body.hinge)[near]
+        one, two, both = body.bend_matrix[near].T
+        whole = np.stack([[one, both], [both, two]]).transpose(2, 0, 1)  # (m, 2, 2)
+        alone = whole @ np.linalg.inv(np.eye(2) - give[:, None, None] * whole)
+        bent = (curvature - body.bend_rest)[near]
+        result[near] = (give / growth)[:, None] * np.einsum("mij,mj->mi", alone, bent)
+        turn = give * np.trace(alone, axis1=1, axis2=2) / 2.0  # over the DLO's own curvature
+        turn *= 1.0 + body.weight[near] @ turn / (STRAIGHT * body.length)
+        share[near] = 1.0 / (1.0 + turn)
+    return result, share
 
 
 def led_back(model: RodModel, boundary: Boundary, q: FloatArray) -> FloatArray:

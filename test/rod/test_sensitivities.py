@@ -149,6 +149,8 @@ OF_THE_FIRST_SHAPE = [
     ("effects.camera_scale.ratio", {"camera_scale": {"ratio": 1.01}}),
     ("effects.camera_rotation.angle", {"camera_rotation": {"angle": 0.02}}),
     ("effects.camera_shift.z", {"camera_shift": {"x": 0.003, "z": 0.002}}),
+    ("effects.clamp_compliance.start", {"clamp_compliance": {"start": 40.0}}),
+    ("young_modulus", {"clamp_compliance": {"start": 40.0, "end": 30.0}}),
 ]
 
 

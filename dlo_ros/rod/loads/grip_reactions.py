@@ -184,7 +184,7 @@ class Balance:
         self._places = np.linspace(0.0, basis.length, PLACES * basis.spans + 1)
         self._slope, self._curvature = (basis.matrix(self._places, d) for d in (1, 2))
         # Where a grip gives, the DLO turns beside it, and is not bent so.
-        hinged = np.broadcast_to(model.body.hinged, len(model.points)).reshape(basis.spans, -1)
+        hinged = model.body.hinged.reshape(basis.spans, -1)
         self._bent = ~np.asarray(hinged.any(axis=1))[basis.span_of(self._places)]
         knots = basis.breaks
         self._between = np.array(
