@@ -28,7 +28,7 @@ from dlo_ros.rod.packing import growth_at, nothing_varies, true_command
 from dlo_ros.rod.parameter_names import acts_on
 from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
-from dlo_ros.rod.state import State, rest_state
+from dlo_ros.rod.state import State, bent_once, rest_state
 from dlo_ros.rod.statics import hold, reachable
 from dlo_ros.rod.stretch_relaxation import Relaxation
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -74,7 +74,8 @@ def observed_start(
     begun = _Begun(model, boundary, first, measurement, None)
     reachable(model, begun.held, boundary)
     shape, pull = begun.relaxation.solution()
-    still, true = begun.state(shape), true_command(model, first.command)
+    still = bent_once(begun.state(shape), model)
+    true = true_command(model, first.command)
     flat = in_plane(model, still, true, parameters)
     rod = compiled(model, boundary, first.command, parameters, flat=flat)
     state = accelerated(model, rod, still, true, flat=flat)
@@ -91,6 +92,7 @@ def observed_start(
                 asking, mapping = replace(first, command=asked), MeasurementMap(varied.settings)
                 other = _Begun(varied, boundary, asking, mapping, begun)
                 there = other.state(other.shape_near(shape, pull, begun))
+            there = bent_once(there, varied)  # what yields does so by the varied law
             pair.append(accelerated(model, rod, there, true, variant, flat=flat))
         _set_difference(varying, k, pair[0], pair[1], rod.step[k])
     # A longer delay sets the first shapes earlier; at a given instant the DLO has moved on since.

@@ -100,6 +100,20 @@ def internal_at_rest(q: FloatArray, now: Strains, model: RodModel) -> InternalVa
     return InternalVariables(np.zeros((yielding, 2)), anchor, inner)
 
 
+def bent_once(state: State, model: RodModel) -> State:
+    """The state with the plastic curvature of a DLO that was bent from rest into its shape at once.
+
+    It is that of `constitutive_law.plastic_curvature`, where there was none before.
+    """
+    law, internal = model.law, state.internal
+    if not len(internal.plastic):
+        return state
+    bent = state.strains.other[:, :2] - model.stiffness.bend_rest
+    size = np.maximum(np.linalg.norm(bent, axis=1), np.finfo(float).tiny)
+    share = np.maximum(1.0 - law.yield_curvature / size, 0.0) / (1.0 + law.hardening)
+    return replace(state, internal=internal._replace(plastic=share[:, None] * bent))
+
+
 def with_history(state: State, model: RodModel) -> State:
     """The state with the internal variables of this model; initial ones where it has none."""
     fresh, old = internal_at_rest(state.q, state.strains, model), state.internal

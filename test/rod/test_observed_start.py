@@ -97,3 +97,27 @@ def test_a_noisy_shape_is_held_by_grips_that_give(compliance):
         noise = np.random.default_rng(seed).normal(size=shape.shape) * [1.0, 0.0, 1.0, 0.0]
         first = begun(settings, imposed, shape + 1.5e-3 * noise, "observed").prediction()
         assert np.abs(first.control_points - shape)[:, :3].max() < 0.03 * LENGTH
+
+
+def yielding(curvature):
+    return PAPER.with_effects({"plasticity": {"yield_curvature": curvature, "hardening": 0.3}})
+
+
+def test_a_dlo_that_yields_has_done_so_in_its_first_shape():
+    """Its moment is that of the law at once, not that of an elastic DLO until the first step."""
+    imposed = hung([0.0])
+    simulation = begun(yielding(3.0), imposed, at_rest(yielding(3.0), imposed), "observed")
+    first = simulation.prediction().loading.start.torque[1]
+    later = simulation.advance(SECOND // 10**6).loading.start.torque[1]
+    assert first == pytest.approx(later, rel=0.02)
+
+
+def test_what_has_yielded_in_the_first_shape_changes_with_the_law():
+    imposed, step, found = hung([0.0]), 1e-3, []
+    shape = at_rest(yielding(3.0), imposed)
+    name = "effects.plasticity.yield_curvature"
+    for curvature in (3.0 - step, 3.0, 3.0 + step):
+        found.append(begun(yielding(curvature), imposed, shape, "observed", (name,)).state)
+    expected = (found[2].internal.plastic - found[0].internal.plastic) / (2.0 * step)
+    assert np.abs(expected).max() > 0.5
+    np.testing.assert_allclose(found[1].sensitivity.internal.plastic[0], expected, atol=1e-6)
