@@ -13,11 +13,20 @@ import numpy as np
 from dlo_ros.effects import Body, RopeScale, Values, build, effects
 from dlo_ros.effects.base import PREFIX
 from dlo_ros.parameter_cameras import Vector
-from dlo_ros.spline import SplineBasis
+from dlo_ros.spline import FloatArray, SplineBasis
 
 EFFECTS_PREFIX = PREFIX
 DEFAULT_MODEL = "spline"  # the rod model of this package, see `dlo_ros.rod.model_registry`
 STANDARD_GRAVITY = 9.81  # [m/s^2] by which a weight is measured, however gravity is configured
+
+
+def kink_curvature(body: Body) -> FloatArray:
+    """Rest curvature of the kinks [1/m], shape (nb,): angles, however long the DLO is."""
+    result = np.zeros(len(body.points))
+    for angle, place in body.kinks:
+        hat = body.hat(place, KINK * body.length)
+        result += angle / (body.lengthening * (hat @ body.weight)) * hat
+    return result
 
 
 @dataclass(frozen=True)
@@ -164,9 +173,7 @@ class RodSettings:
         )  # fmt: skip
         for effect in build(self.effects):
             effect.shape_body(body)
-        for angle, place in body.kinks:  # an angle, however long the DLO is
-            hat = body.hat(place, KINK * body.length)
-            body.bend_rest[:, 0] += angle / (body.lengthening * (hat @ body.weight)) * hat
+        body.bend_rest[:, 0] += kink_curvature(body)
         body.give_at_grips()
         return body
 

@@ -121,6 +121,11 @@ class RodModel:
         )
 
     @cached_property
+    def hinge(self) -> FloatArray:
+        """Compliance of the grips in that of `stiffness.bend` [1/(N m^2)], shape (nb,)."""
+        return np.broadcast_to(self.body.hinge / self.body.lengthening, self.points.shape).copy()
+
+    @cached_property
     def law(self) -> ConstitutiveLaw:
         """The constitutive law of bending."""
         body = self.body

@@ -27,6 +27,7 @@ from dlo_ros.rod.sensitivity.sensitivity_state import LINEAR, Rates, Sensitivity
 from dlo_ros.rod.solve.equation_system import System, Uniform
 from dlo_ros.rod.solve.integrator_state import LAST, NEXT, IntegratorState
 from dlo_ros.rod.state import State, Strains
+from dlo_ros.rod_settings import kink_curvature
 from dlo_ros.spline import FloatArray
 
 IMPOSED_KEPT = 128
@@ -38,7 +39,10 @@ def parts_of(model: RodModel, *, flat: bool) -> System:
 
     They are those of a rod that nothing holds, whose reach is that of a clamp of 1 m: see `held`.
     """
-    uniform = Uniform(model.line_mass, model.spin, model.drag, reduce(model.line_load, flat))
+    uniform = Uniform(
+        model.line_mass, model.spin, model.drag, reduce(model.line_load, flat), model.hinge,
+        kink_curvature(model.body),
+    )  # fmt: skip
     nowhere = np.zeros((0, 0))
     return System(
         model.rule, model.stiffness, model.law, model.surroundings, model.mass, model.spin,

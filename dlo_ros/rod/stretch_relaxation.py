@@ -25,6 +25,7 @@ from dlo_ros.rod.model import CONTACT_PENETRATION, RodModel
 from dlo_ros.rod.solve import newton_iteration
 from dlo_ros.rod.state import rest_state
 from dlo_ros.rod.statics import FREE, LINEAR, NO_INTERNAL_VARIABLES
+from dlo_ros.rod_settings import kink_curvature
 from dlo_ros.spline import ORDER, FloatArray
 
 # Pull to the given shape and bending stiffness while what is held is approached, and at the end.
@@ -157,6 +158,7 @@ def hinge_bending(
         whole = np.stack([[one, both], [both, two]]).transpose(2, 0, 1)  # (m, 2, 2)
         alone = whole @ np.linalg.inv(np.eye(2) - give[:, None, None] * whole)
         bent = (curvature - body.bend_rest)[near]
+        bent[:, 0] -= (1.0 / growth - 1.0) * kink_curvature(body)[near]
         result[near] = (give / growth)[:, None] * np.einsum("mij,mj->mi", alone, bent)
         turn = give * np.trace(alone, axis1=1, axis2=2) / 2.0  # over the DLO's own curvature
         turn *= 1.0 + body.weight[near] @ turn / (STRAIGHT * body.length)

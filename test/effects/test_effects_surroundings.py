@@ -247,6 +247,37 @@ def test_a_grip_gives_way_at_one_moment(began):
     assert np.abs(longer - plain).max() > 0.01
 
 
+@pytest.mark.parametrize(
+    "more",
+    [
+        {},
+        {"intrinsic_curvature": {"kink": 1.0, "position": 0.2}},
+        {"clamp_compliance": {"start": 60.0}},
+        {"clamp_compliance": {"start": 60.0}, "anisotropy": {"ratio": 3.0, "angle": 0.4}},
+    ],
+    ids=["plain", "kink", "grip that gives", "grip that gives a flat section"],
+)
+def test_after_the_slip_the_dlo_is_a_longer_one(more):
+    """A kink and a grip turn it by their angles, however long it has become."""
+    slip = {"clamp_slip": {"length": 0.04, "onset": 0.0, "duration": 0.1}}
+    slipped = rested(PAPER.with_effects({**slip, **more}))
+    longer = rested(PAPER.with_effects({"length_error": {"difference": 0.04}, **more}))
+    # In space the frames gather a little twist on another way.
+    np.testing.assert_allclose(
+        slipped, longer, rtol=0.0, atol=1e-5 if "anisotropy" in more else 1e-9
+    )
+
+
+def rested(settings):
+    """Control points (n, 3) at rest, some time after the start."""
+    shape = np.zeros((ROD.control_points, 4))
+    shape[:, 0] = SplineBasis(ROD.control_points, ROD.length).greville
+    simulation = Simulation(settings, Motion([held_start()]), spans=14)
+    simulation.start([Observation(0, shape)])
+    simulation.advance(SECOND // 5)
+    return simulation.resettle(SECOND).control_points[:, :3]
+
+
 def test_a_grip_gives_way_little_by_little():
     """At rest, half of the time is half of the length; all of it is that of a sudden slip."""
     settings = replace(PAPER, damping=DampingParameters(air_drag=1.0, relaxation_time=0.1))

@@ -90,6 +90,9 @@ SOFTENS = {"nonlinear_stiffness": {"half_curvature": 5.0}}
 RUBS = {"hysteresis": {"moment": 2e-3, "curvature": 2.0}}
 GIVES = {"clamp_compliance": {"start": 4.0, "end": 6.0}}
 CURVED = {"intrinsic_curvature": {"curvature": (1.0, 2.0, -1.0)}}
+YIELDS = {"plasticity": {"yield_curvature": 3.0, "hardening": 0.3}}
+KINK = {"intrinsic_curvature": {"kink": -1.0, "position": 0.2}}
+SLIPS = {"clamp_slip": {"length": 0.04}, **KINK, **GIVES}
 OF_INELASTIC_RODS = [
     ("young_modulus", CREEPS, SMOOTH),
     ("young_modulus", SOFTENS, SMOOTH),
@@ -108,6 +111,11 @@ OF_INELASTIC_RODS = [
     ("effects.hysteresis.moment", {**RUBS, **GIVES}, KINKED),
     ("effects.hysteresis.curvature", {**RUBS, **GIVES}, KINKED),
     ("young_modulus", {**RUBS, **GIVES}, KINKED),
+    ("effects.clamp_slip.length", SLIPS, SMOOTH),
+    ("effects.intrinsic_curvature.kink", SLIPS, SMOOTH),
+    ("effects.clamp_compliance.start", SLIPS, SMOOTH),
+    ("effects.clamp_slip.length", {**SLIPS, **YIELDS}, KINKED),
+    ("effects.intrinsic_curvature.kink", {**SLIPS, **YIELDS}, KINKED),
 ]
 
 ACROSS = [
@@ -149,8 +157,8 @@ OF_THE_FIRST_SHAPE = [
     ("effects.camera_scale.ratio", {"camera_scale": {"ratio": 1.01}}),
     ("effects.camera_rotation.angle", {"camera_rotation": {"angle": 0.02}}),
     ("effects.camera_shift.z", {"camera_shift": {"x": 0.003, "z": 0.002}}),
-    ("effects.clamp_compliance.start", {"clamp_compliance": {"start": 40.0}}),
-    ("young_modulus", {"clamp_compliance": {"start": 40.0, "end": 30.0}}),
+    ("effects.clamp_compliance.start", GIVES),
+    ("young_modulus", GIVES),
 ]
 
 

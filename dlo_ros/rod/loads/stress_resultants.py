@@ -16,6 +16,7 @@ import numpy as np
 from dlo_ros.rod.elements.rod_tables import InternalVariables
 from dlo_ros.rod.elements.strains import MIDDLE, OUTER
 from dlo_ros.rod.model import RodModel
+from dlo_ros.rod_settings import kink_curvature
 from dlo_ros.spline import FloatArray
 
 
@@ -123,6 +124,21 @@ class Stresses:
         gradient[..., 3] = g_theta @ self.value + (w * torque) @ self.slope
         return gradient, t
 
+    def _bending(self, longer: float) -> tuple[FloatArray, FloatArray]:
+        """Bending stiffness (nb, 3) and rest curvature (nb, 2), see `write_grown_bending`.
+
+        Args:
+            longer: see `Instants`.
+        """
+        model, less = self._model, 1.0 / longer - 1.0
+        one, two, both = model.stiffness.bend.T
+        softer, product = less * model.hinge, one * two - both**2
+        share = longer / (1.0 + softer * (one + two + softer * product))
+        bend = np.column_stack([one + softer * product, two + softer * product, both])
+        rest = model.stiffness.bend_rest.copy()
+        rest[:, 0] += less * kink_curvature(model.body)
+        return share[:, None] * bend, rest
+
     def _moment(
         self, kappa: FloatArray, rate: FloatArray, longer: float, internal: InternalVariables
     ) -> FloatArray:
@@ -133,8 +149,9 @@ class Stresses:
             longer, internal: see `Instants`.
         """
         model, law = self._model, self._model.law
-        stiff, both = longer * model.stiffness.bend[:, :2], longer * model.stiffness.bend[:, 2:]
-        x = kappa - model.stiffness.bend_rest
+        bend, rest = self._bending(longer)
+        stiff, both = bend[:, :2], bend[:, 2:]
+        x = kappa - rest
         strain = (1.0 - law.relaxing) * x + model.body.relaxation_time * rate
         if internal.inner.shape[1]:
             strain = strain + internal.inner[..., :2]

@@ -25,6 +25,7 @@ from dlo_ros.rod.sensitivity.sensitivity_state import (
     SLIPPING,
     add,
     central_difference,
+    rest_rates,
     shift,
 )
 from dlo_ros.rod.sensitivity.strain_sensitivity import follow
@@ -128,7 +129,10 @@ def propagate_step(system, imposed, old, new, varying):
         rhs -= forces
     _solve(system, band, rhs, increments, gaps)
     d_q = rhs.reshape((count, q.shape[0], q.shape[1]))
-    follow(system, new, old, h, matter, derivatives, varying, d_q, grad_s, grad_o, turn, twist)
+    d_rest = rest_rates(system, imposed, time, varying)
+    follow(
+        system, new, old, h, matter, d_rest, derivatives, varying, d_q, grad_s, grad_o, turn, twist
+    )
     q_star, v_star, lag = extrapolated(
         varying.q, varying.velocity, varying.acceleration, varying.auxiliary, h
     )
@@ -201,8 +205,8 @@ def propagate_equilibrium(system, imposed, before, rest, internal, fresh, varyin
         rest.other, system.stiffness.bend[0], matter.bend_rest, internal, matter.law
     )
     follow(
-        system, rest, start, 0.0, matter, derivatives, varying, d_q, grad_s, grad_o, unturned,
-        unturned,
+        system, rest, start, 0.0, matter, rest_rates(system, imposed, time, varying), derivatives,
+        varying, d_q, grad_s, grad_o, unturned, unturned,
     )  # fmt: skip
     if fresh and internal.anchor.shape[0] > 0:
         shifted = np.empty(q.shape)

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from dlo_ros.kernel_arguments import whole
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
@@ -14,6 +16,7 @@ from dlo_ros.rod.elements.rod_tables import (
     Reference,
     Stiffness,
 )
+from dlo_ros.rod.solve.equation_system import growth, write_grown_bending
 from dlo_ros.spline import FloatArray
 
 LINEAR, INELASTIC, SLIPPING = 0.0, 1.0, 2.0
@@ -110,6 +113,9 @@ def grown_rates(system, varying, factor):
     r, u, more = varying.rates, system.uniform, factor - 1.0
     s, mass, spin = r.stiffness, r.mass.copy(), r.spin.copy()
     drag, load = r.drag.copy(), r.load.copy()
+    bend, bend_rest = np.empty(s.bend.shape), np.empty(s.bend_rest.shape)
+    high, low = np.empty(s.bend.shape[1:]), np.empty(s.bend.shape[1:])
+    straighter, bent = np.empty(s.bend_rest.shape[1:]), np.empty(s.bend_rest.shape[1:])
     for a in range(varying.step.size):
         k, share = 1 + 2 * a, 0.5 * more / varying.step[a]
         for side, times in ((k, share), (k + 1, -share)):
@@ -117,9 +123,13 @@ def grown_rates(system, varying, factor):
             add(spin[a].ravel(), times, u.spin[side].ravel())
             add(drag[a].ravel(), times, u.drag[side].ravel())
             add(load[a].ravel(), times, u.load[side].ravel())
+        write_grown_bending(system, k, factor, high, bent)
+        write_grown_bending(system, k + 1, factor, low, straighter)
+        central_difference(high, low, varying.step[a], bend[a])
+        central_difference(bent, straighter, varying.step[a], bend_rest[a])
     stiffness = Stiffness(
-        s.stretch / factor, factor * s.stretch_rest, factor * s.bend, s.bend_rest,
-        s.twist / factor, factor * s.twist_rest,
+        s.stretch / factor, factor * s.stretch_rest, bend, bend_rest, s.twist / factor,
+        factor * s.twist_rest,
     )  # fmt: skip
     return Rates(
         stiffness,
@@ -134,6 +144,20 @@ def grown_rates(system, varying, factor):
         r.bodies,
         r.heavier,
     )
+
+
+@linked()
+def rest_rates(system, imposed, time, varying):
+    """Derivatives of the rest curvature at a time, of a DLO that may slip, shape (P, nb, 2)."""
+    result = varying.rates.stiffness.bend_rest.copy()
+    if varying.kind == SLIPPING:
+        for a in range(varying.step.size):
+            for side in range(2):
+                k = 1 + 2 * a + side
+                share = (0.5 - side) / varying.step[a] * (1.0 / growth(imposed, k, time) - 1.0)
+                for e in range(result.shape[1]):
+                    result[a, e, 0] += share * system.uniform.kink[k, e]
+    return result
 
 
 @linked()

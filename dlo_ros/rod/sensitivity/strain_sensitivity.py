@@ -31,13 +31,16 @@ def _turned_strains(rule, other, turn, twist, d_other):
 
 
 @linked()
-def follow(system, after, old, h, matter, derivatives, varying, d_q, grad_s, grad_o, turn, twist):
+def follow(
+    system, after, old, h, matter, d_rest, derivatives, varying, d_q, grad_s, grad_o, turn, twist
+):
     """Let what follows the shape vary along: strains, transported frame, internal variables.
 
     Args:
         after, old: state after the step, and before it.
         h: length of the step [s], 0 to an equilibrium.
         matter: the material of the motion there.
+        d_rest: derivatives of the rest curvature there, see `sensitivity_state.rest_rates`.
         derivatives: see `moment_derivatives`.
         varying: derivatives; those of frame, strains and internal variables are changed.
         d_q: derivatives of the shape, shape (P, n, d).
@@ -51,7 +54,7 @@ def follow(system, after, old, h, matter, derivatives, varying, d_q, grad_s, gra
         vary_carried_frame(q, rule, after.reference, d_q, grad_o, turn, twist, varying.reference)
     if old.internal.plastic.shape[0] + old.internal.inner.shape[0] > 0:
         propagate_internal_bending(
-            varying.rates.stiffness.bend_rest, matter.law, varying.rates.law, old.internal.inner,
+            d_rest, matter.law, varying.rates.law, old.internal.inner,
             varying.internal, after.other, derivatives, h, q.shape[1] == PLANAR, d_other,
         )  # fmt: skip
     if old.internal.anchor.shape[0] > 0:

@@ -28,12 +28,18 @@ ITSELF = np.int64(0)  # number of the variant that is the rod itself
 
 
 class Uniform(NamedTuple):
-    """Terms that grow with the free length where the DLO slips through a grip; d is 4 or 2."""
+    """Terms that change with the free length where the DLO slips through a grip; d is 4 or 2.
+
+    The first four grow with it. The angle by which a grip gives or a kink is bent stays, so that
+    its curvature shrinks.
+    """
 
     mass: FloatArray  # (V, n, 4) band
     spin: FloatArray  # (V, n, 4) band
     drag: FloatArray  # (V, n, 4) band
     load: FloatArray  # (V, n, d) [N]
+    hinge: FloatArray  # (V, nb) compliance of the grips, in that of `Stiffness.bend` [1/(N m^2)]
+    kink: FloatArray  # (V, nb) rest curvature of kinks, in `Stiffness.bend_rest` [1/m]
 
 
 class System(NamedTuple):
@@ -85,6 +91,29 @@ def growth(imposed, k, time):
     return now + gain[after - 1] + s * (gain[after] - gain[after - 1])
 
 
+@njit(from_python=False)
+def write_grown_bending(system, k, factor, bend, bend_rest):
+    """Write the bending of variant k with its free length multiplied by a factor.
+
+    With w the grips' part of the compliance 1 / K it is 1 / K' = (1 / K - w) / factor
+    + w / factor^2; both directions of bending may be coupled.
+
+    Args:
+        bend: bending stiffness, output, shape (nb, 3).
+        bend_rest: rest curvature, output, shape (nb, 2).
+    """
+    s, u, less = system.stiffness, system.uniform, 1.0 / factor - 1.0
+    for e in range(bend.shape[0]):
+        one, two, both = s.bend[k, e, 0], s.bend[k, e, 1], s.bend[k, e, 2]
+        softer = less * u.hinge[k, e]
+        product = one * two - both * both
+        share = factor / (1.0 + softer * (one + two + softer * product))
+        bend[e, 0], bend[e, 1] = share * (one + softer * product), share * (two + softer * product)
+        bend[e, 2] = share * both
+        bend_rest[e, 0] = s.bend_rest[k, e, 0] + less * u.kink[k, e]
+        bend_rest[e, 1] = s.bend_rest[k, e, 1]
+
+
 @linked()
 def grown(system, factor):
     """The rod itself, without its variants, with its free length multiplied by a factor.
@@ -92,9 +121,11 @@ def grown(system, factor):
     Laws and surroundings stay as they are; see `material_at_rest`.
     """
     s, u, more = system.stiffness, system.uniform, factor - 1.0
+    bend, bend_rest = 1.0 * s.bend[:1], 1.0 * s.bend_rest[:1]
+    write_grown_bending(system, ITSELF, factor, bend[0], bend_rest[0])
     stiffness = Stiffness(
-        s.stretch[:1] / factor, factor * (1.0 + s.stretch_rest[:1]) - 1.0, factor * s.bend[:1],
-        1.0 * s.bend_rest[:1], s.twist[:1] / factor, factor * s.twist_rest[:1],
+        s.stretch[:1] / factor, factor * (1.0 + s.stretch_rest[:1]) - 1.0, bend, bend_rest,
+        s.twist[:1] / factor, factor * s.twist_rest[:1],
     )  # fmt: skip
     return System(
         system.rule, stiffness, system.law, system.around, system.mass[:1] + more * u.mass[:1],
@@ -110,7 +141,7 @@ def material_at_rest(system, k, factor, internal):
 
     There is no damping, and what may relax has done so.
     Over the same material coordinate curvature is a property of the shape; stretch and twist count
-    per unit of the new length.
+    per unit of the new length, see `write_grown_bending` for grips that give and kinks.
     """
     s, nb = system.stiffness, system.rule.weight.size
     stiffness = Stiffness(
@@ -119,17 +150,17 @@ def material_at_rest(system, k, factor, internal):
     )  # fmt: skip
     law, a = system.law, system.around
     left = 1.0 - law.relaxing[k]
+    write_grown_bending(system, k, factor, stiffness.bend, stiffness.bend_rest)
+    rest = stiffness.bend_rest.copy()
     for e in range(nb):
         stiffness.stretch[e] = s.stretch[k, e] / factor
         stiffness.stretch_rest[e] = factor * (1.0 + s.stretch_rest[k, e]) - 1.0
-        stiffness.bend[e, 2] = left * factor * s.bend[k, e, 2]
-        for c in range(2):
-            stiffness.bend[e, c] = left * factor * s.bend[k, e, c]
-            stiffness.bend_rest[e, c] = s.bend_rest[k, e, c]
+        for c in range(3):
+            stiffness.bend[e, c] *= left
         stiffness.twist[e] = s.twist[k, e] / factor
         stiffness.twist_rest[e] = factor * s.twist_rest[k, e]
     return Material(
-        stiffness, left, s.bend_rest[k],
+        stiffness, left, rest,
         ConstitutiveLaw(
             law.active[k], law.half_curvature[k], law.yield_curvature[k], law.hardening[k],
             law.relaxing[k], law.lasting[k], law.slide[k], law.turn[k],
