@@ -83,3 +83,13 @@ def test_a_model_without_derivatives_is_varied_within_the_range_too():
     above, below = variants(settings, ("effects.point_mass.position",))
     assert above.effects["point_mass"]["position"] == LENGTH
     assert 0.99 * LENGTH < below.effects["point_mass"]["position"] < LENGTH
+
+
+def test_a_hardening_with_which_nothing_yields_has_a_finite_derivative():
+    """A variant of it yields, and softening makes the law of both a nonlinear one."""
+    laws = {
+        "plasticity": {"yield_curvature": 3.0, "hardening": 1.0},
+        "nonlinear_stiffness": {"half_curvature": 5.0},
+    }
+    _, found = run(SOFT.with_effects(laws), BETWEEN, ("effects.plasticity.hardening",))
+    assert np.isfinite(found).all()
