@@ -262,8 +262,6 @@ def _rates(system: System, step: FloatArray) -> Rates:
         width = 2.0 * step.reshape(-1, *([1] * (x.ndim - 1)))
         change = np.zeros_like(x[1::2])  # also of what is infinite in both
         np.subtract(x[1::2], x[2::2], out=change, where=x[1::2] != x[2::2])
-        # Nor is there one from a rod that yields to one that does not, as with a hardening of 1.
-        change[~np.isfinite(change)] = 0.0
         return np.ascontiguousarray(change / width)
 
     around = system.around

@@ -130,14 +130,14 @@ class RodModel:
         """The constitutive law of bending."""
         body = self.body
         active = float(body.half_curvature < INACTIVE or body.yield_curvature < INACTIVE)
-        share = min(max(body.hardening, 0.0), 0.999)
         relaxing, lasting = body.relaxing or (0.0, 1.0)
         slide, turn = body.inner_friction or (0.0, np.inf)
         # A grip that gives does not soften, yield or rub with the DLO.
         never = np.where(body.hinged, np.inf, np.ones(len(self.points)))
         return ConstitutiveLaw(
             active, body.half_curvature * never, body.yield_curvature * never,
-            share / (1.0 - share), relaxing, lasting, slide * body.lengthening, turn * never,
+            min(max(body.hardening, 0.0), 1.0), relaxing, lasting, slide * body.lengthening,
+            turn * never,
         )  # fmt: skip
 
     @cached_property

@@ -101,17 +101,17 @@ def internal_at_rest(q: FloatArray, now: Strains, model: RodModel) -> InternalVa
 
 
 def bent_once(state: State, model: RodModel) -> State:
-    """The state with the plastic curvature of a DLO that was bent from rest into its shape at once.
+    """The state of a DLO that was bent from rest into its shape at once, as far as it yields.
 
-    It is that of `constitutive_law.plastic_curvature`, where there was none before.
+    The middle of the elastic range is that of `constitutive_law.yield_centre`, where it was 0.
     """
     law, internal = model.law, state.internal
-    if not len(internal.plastic):
+    if not len(internal.yield_centre):
         return state
     bent = state.strains.other[:, :2] - model.stiffness.bend_rest
     size = np.maximum(np.linalg.norm(bent, axis=1), np.finfo(float).tiny)
-    share = np.maximum(1.0 - law.yield_curvature / size, 0.0) / (1.0 + law.hardening)
-    return replace(state, internal=internal._replace(plastic=share[:, None] * bent))
+    share = np.maximum(1.0 - law.yield_curvature / size, 0.0)
+    return replace(state, internal=internal._replace(yield_centre=share[:, None] * bent))
 
 
 def with_history(state: State, model: RodModel) -> State:

@@ -11,7 +11,7 @@ from dlo_ros.rod.elements.rod_tables import ConstitutiveLaw, InternalVariables
 STEP, CLOSE = 1e-5, 1e-8
 LINEAR = np.inf
 bending_moment = constitutive_law.bending_moment.py_func  # which only compiled code calls
-plastic_curvature = constitutive_law.plastic_curvature.py_func
+yield_centre = constitutive_law.yield_centre.py_func
 hysteresis_moment = constitutive_law.hysteresis_moment.py_func
 
 
@@ -33,9 +33,9 @@ def slopes(function, at):
     return np.array(columns).T
 
 
-def written_out(stiff, x, plastic, inner, one):
+def written_out(stiff, x, centre, inner, one):
     """`MomentDerivatives` of one point whose rest curvature is 0."""
-    internal = InternalVariables(np.array([plastic]), np.zeros((0, 2)), np.array([inner]))
+    internal = InternalVariables(np.array([centre]), np.zeros((0, 2)), np.array([inner]))
     return written.moment_derivatives(
         np.array([[*x, 0.0]]), np.array([[*stiff, 0.0]]), np.zeros((1, 2)), internal, one
     )
@@ -43,27 +43,25 @@ def written_out(stiff, x, plastic, inner, one):
 
 @pytest.mark.parametrize("x", [(0.4, 0.0), (0.5, -0.3), (3.0, 1.0), (-2.0, 2.5)])
 @pytest.mark.parametrize("yielding", [1.5, 100.0], ids=["yields", "elastic"])
-def test_moment_and_plastic_curvature(x, yielding):
-    stiff, plastic, hardening, half = (0.7, 1.1), (0.2, -0.1), 0.4, 1.3
+@pytest.mark.parametrize("hardening", [0.0, 0.4, 1.0])
+def test_moment_and_middle_of_the_elastic_range(x, yielding, hardening):
+    stiff, centre, half = (0.7, 1.1), (0.2, -0.1), 1.3
     one = law(half, yielding, hardening)
-    found = written_out(stiff, x, plastic, np.zeros(6), one)
+    found = written_out(stiff, x, centre, np.zeros(6), one)
     np.testing.assert_allclose(
-        found.plastic[0],
-        slopes(
-            lambda a, b, c, d, y, h: plastic_curvature(a, b, c, d, y, h),
-            (*x, *plastic, yielding, hardening),
-        ),
+        found.yield_centre[0],
+        slopes(yield_centre, (*x, *centre, yielding)),
         atol=CLOSE,
     )
     np.testing.assert_allclose(
         found.moment[0, :, :9],
         slopes(
             lambda s, t, a, b, c, d, y, h, w: bending_moment(s, t, a, b, c, d, w, y, h),
-            (*stiff, *x, *plastic, yielding, hardening, half),
+            (*stiff, *x, *centre, yielding, hardening, half),
         ),
         atol=CLOSE,
     )
-    moment = bending_moment(*stiff, *x, *plastic, half, yielding, hardening)[:2]
+    moment = bending_moment(*stiff, *x, *centre, half, yielding, hardening)[:2]
     np.testing.assert_allclose(found.moment[0, :, 9], moment, rtol=1e-12)
 
 

@@ -22,11 +22,13 @@ BETWEEN = command(
     ["start", "end"], [0.0, 0.2],
     [[[0.0, 0.0, 0.0], [0.26, 0.0, 0.0]], [[0.02, 0.0, 0.04], [0.26, 0.0, 0.0]]],
 )  # fmt: skip
+SOFTENS = {"nonlinear_stiffness": {"half_curvature": 5.0}}
 # With the change of the parameter inwards by which runs differ.
 ENDS = [
     ("point_mass.position", CLAMPED, {"mass": 0.01, "position": LENGTH}, -1e-4),
     ("connector.extent", CLAMPED, {"mass": 0.01, "extent": 0.0}, 1e-4),
     ("plasticity.hardening", BETWEEN, {"yield_curvature": 3.0, "hardening": 0.0}, 1e-3),
+    ("plasticity.hardening", BETWEEN, {"yield_curvature": 3.0, "hardening": 1.0}, -1e-3),
     ("clamp_slip.onset", BETWEEN, {"length": 0.01, "onset": 0.0, "duration": 0.3}, 1e-3),
 ]
 
@@ -46,12 +48,13 @@ def run(settings, imposed, parameters=()):
     return np.array([p.control_points[:, :3] for p in track]), derivatives
 
 
+@pytest.mark.parametrize("beside", [{}, SOFTENS], ids=["alone", "softens"])
 @pytest.mark.parametrize(("place", "imposed", "block", "inwards"), ENDS, ids=[e[0] for e in ENDS])
-def test_derivatives_at_an_end_of_a_range_are_those_inwards(place, imposed, block, inwards):
+def test_derivatives_at_an_end_of_a_range_are_those_inwards(place, imposed, block, inwards, beside):
     effect, key = place.split(".")
-    here, exact = run(SOFT.with_effects({effect: block}), imposed, (f"effects.{place}",))
+    here, exact = run(SOFT.with_effects({effect: block} | beside), imposed, (f"effects.{place}",))
     moved = block | {key: block[key] + inwards}
-    there, _ = run(SOFT.with_effects({effect: moved}), imposed)
+    there, _ = run(SOFT.with_effects({effect: moved} | beside), imposed)
     expected = (there - here) / inwards
     assert np.abs(expected).max() > 1e-3
     np.testing.assert_allclose(exact, expected, atol=0.04 * np.abs(expected).max(), rtol=0.0)

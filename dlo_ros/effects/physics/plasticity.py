@@ -37,9 +37,8 @@ class Plasticity(Effect):
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""
-        if self.hardening < 1.0:
-            body.yield_curvature = min(body.yield_curvature, self.yield_curvature)
-            body.hardening = self.hardening
+        body.yield_curvature = min(body.yield_curvature, self.yield_curvature)
+        body.hardening = self.hardening
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:

@@ -4,8 +4,9 @@
 Stretch and twist are linear. Bending may soften and yield, both in the plane of the curvature
 vector x against its rest value:
 
-    yield      kappa_p follows x once |x - (1 + h) kappa_p| exceeds the yield curvature (linear
-               kinematic hardening; h = r / (1 - r) gives the tangent stiffness r B past it)
+    yield      c follows x once |x - c| exceeds the yield curvature: the middle of the elastic
+               range, of which kappa_p = (1 - h) c stays as plastic curvature (linear kinematic
+               hardening, with the tangent stiffness h B past the yield)
     softening  moment B half atan(|x_e| / half) along x_e = x - kappa_p, whose tangent stiffness is
                B / (1 + (x_e / half)^2)
 
@@ -39,24 +40,25 @@ def room(points):
 
 
 @njit(inline="always")
-def plastic_curvature(x1, x2, p1, p2, most, hardening):
-    """The plastic curvature that a curvature (x1, x2) leaves where (p1, p2) was.
+def yield_centre(x1, x2, c1, c2, most):
+    """Where a curvature (x1, x2) leaves the middle of the elastic range that was at (c1, c2).
+
+    It does not depend on the hardening, of which 0 and 1 are cases like others.
 
     Args:
-        most, hardening: yield curvature there, and hardening, see `ConstitutiveLaw`.
+        most: yield curvature there.
     """
-    h = 1.0 + hardening
-    d1, d2 = x1 - h * p1, x2 - h * p2
+    d1, d2 = x1 - c1, x2 - c2
     size = np.sqrt(d1 * d1 + d2 * d2)
     if size > most:
-        flow = (1.0 - most / size) / h
-        p1 += flow * d1
-        p2 += flow * d2
-    return p1, p2
+        flow = 1.0 - most / size
+        c1 += flow * d1
+        c2 += flow * d2
+    return c1, c2
 
 
 @njit(from_python=False)
-def bending_moment(stiff1, stiff2, x1, x2, p1, p2, half, most, hardening):
+def bending_moment(stiff1, stiff2, x1, x2, c1, c2, half, most, hardening):
     """Moment of a curvature beyond linear elasticity.
 
     It is called for each point: to hand over a tuple of arrays would take longer than the rest.
@@ -64,14 +66,15 @@ def bending_moment(stiff1, stiff2, x1, x2, p1, p2, half, most, hardening):
     Args:
         stiff1, stiff2: bending stiffness about both directors [N m^2].
         x1, x2: curvature against the rest curvature [1/m].
-        p1, p2: plastic curvature before [1/m].
+        c1, c2: middle of the elastic range before [1/m].
         half, most, hardening: half and yield curvature there, and hardening, see `ConstitutiveLaw`.
 
     Returns:
         Moments about both directors [N m], their tangent (11, 12, 22) [N m^2], energy [J/m].
     """
-    q1, q2 = plastic_curvature(x1, x2, p1, p2, most, hardening)
-    e1, e2 = x1 - q1, x2 - q2
+    q1, q2 = yield_centre(x1, x2, c1, c2, most)
+    soft = 1.0 - hardening
+    e1, e2 = x1 - soft * q1, x2 - soft * q2
     root1, root2, mean = np.sqrt(stiff1), np.sqrt(stiff2), 0.5 * (stiff1 + stiff2)
     y1, y2 = root1 * e1, root2 * e2
     r = np.sqrt((y1 * y1 + y2 * y2) / mean)
@@ -84,19 +87,23 @@ def bending_moment(stiff1, stiff2, x1, x2, p1, p2, half, most, hardening):
     t11 = stiff1 * (secant + along * y1 * y1)
     t12 = root1 * root2 * along * y1 * y2
     t22 = stiff2 * (secant + along * y2 * y2)
-    h = 1.0 + hardening
-    d1, d2 = x1 - h * p1, x2 - h * p2
+    d1, d2 = x1 - c1, x2 - c2
     size = np.sqrt(d1 * d1 + d2 * d2)
     if size > most:
         # d(x_e)/dx: less along the flow direction, and across it as far as it has turned.
         n1, n2 = d1 / size, d2 / size
-        across = (1.0 - most / size) / h
-        along = 1.0 / h - across
+        across = soft * (1.0 - most / size)
+        along = soft - across
         j11, j12, j22 = 1.0 - across - along * n1 * n1, -along * n1 * n2, (
             1.0 - across - along * n2 * n2
         )  # fmt: skip
-        energy += mean * (
-            0.5 * hardening * (q1 * q1 + q2 * q2) + most * np.sqrt((q1 - p1) ** 2 + (q2 - p2) ** 2)
+        energy += (
+            soft
+            * mean
+            * (
+                0.5 * hardening * (q1 * q1 + q2 * q2)
+                + most * np.sqrt((q1 - c1) ** 2 + (q2 - c2) ** 2)
+            )
         )
         a12, a21 = t11 * j12 + t12 * j22, t12 * j11 + t22 * j12
         t11, t22 = t11 * j11 + t12 * j12, t12 * j12 + t22 * j22
@@ -191,7 +198,7 @@ def _add_hysteresis(other, weight, material, out):
 @linked()
 def _add_nonlinear_bending(other, weight, material, out):
     """Replace the linear elastic part of the moments by what the law makes of it."""
-    plastic, energy, law = material.internal.plastic, 0.0, material.law
+    centre, energy, law = material.internal.yield_centre, 0.0, material.law
     held = 1.0 - law.relaxing
     for e in range(weight.size):
         b1 = material.stiffness.bend[e, 0] / material.damping
@@ -199,7 +206,7 @@ def _add_nonlinear_bending(other, weight, material, out):
         x1 = other[e, 0] - material.bend_rest[e, 0]
         x2 = other[e, 1] - material.bend_rest[e, 1]
         m1, m2, t11, t12, t22, w = bending_moment(
-            b1, b2, x1, x2, plastic[e, 0], plastic[e, 1], law.half_curvature[e],
+            b1, b2, x1, x2, centre[e, 0], centre[e, 1], law.half_curvature[e],
             law.yield_curvature[e], law.hardening,
         )  # fmt: skip
         out.bend[e, 0] += held * (m1 - b1 * x1)
@@ -215,14 +222,14 @@ def _add_nonlinear_bending(other, weight, material, out):
 def moments_in_plane(kappa, material, moment, tangent):
     """Write bending moments [N m] and tangents [N m^2] of curvatures in the plane, all (nb,)."""
     stiff, law, inner = material.stiffness, material.law, material.internal.inner
-    plastic, held = material.internal.plastic, 1.0 - law.relaxing
+    centre, held = material.internal.yield_centre, 1.0 - law.relaxing
     for e in range(kappa.size):
         tangent[e] = stiff.bend[e, 0]
         moment[e] = tangent[e] * (kappa[e] - stiff.bend_rest[e, 0])
         if law.active != 0.0:
             b, x = stiff.bend[e, 0] / material.damping, kappa[e] - material.bend_rest[e, 0]
             m, _, t, _, _, _ = bending_moment(
-                b, b, x, 0.0, plastic[e, 0], 0.0, law.half_curvature[e], law.yield_curvature[e],
+                b, b, x, 0.0, centre[e, 0], 0.0, law.half_curvature[e], law.yield_curvature[e],
                 law.hardening,
             )  # fmt: skip
             moment[e] += held * (m - b * x)
@@ -238,7 +245,7 @@ def moments_in_plane(kappa, material, moment, tangent):
 @linked()
 def update_internal(other, material, out):
     """Write the `InternalVariables` of bending after a motion to strains `other` to out."""
-    plastic, inner = material.internal.plastic, material.internal.inner
+    centre, inner = material.internal.yield_centre, material.internal.inner
     for e in range(inner.shape[0]):
         z1, z2, _, _, _, _ = hysteresis_moment(
             other[e, 0] - inner[e, 4], other[e, 1] - inner[e, 5], inner[e, 2], inner[e, 3],
@@ -254,7 +261,5 @@ def update_internal(other, material, out):
         for e in range(other.shape[0]):
             x1 = other[e, 0] - material.bend_rest[e, 0]
             x2 = other[e, 1] - material.bend_rest[e, 1]
-            p1, p2 = plastic_curvature(
-                x1, x2, plastic[e, 0], plastic[e, 1], law.yield_curvature[e], law.hardening
-            )
-            out.plastic[e, 0], out.plastic[e, 1] = p1, p2
+            c1, c2 = yield_centre(x1, x2, centre[e, 0], centre[e, 1], law.yield_curvature[e])
+            out.yield_centre[e, 0], out.yield_centre[e, 1] = c1, c2

@@ -1,17 +1,17 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled derivatives of inelastic moments and of their internal variables by all they depend on.
 
-With the names of `constitutive_law`, where a curvature x yields, d = x - H kappa_p exceeds the
-yield curvature Y along n = d / |d|, with H = 1 + h, and the plastic curvature after it,
-kappa = kappa_p + f d with f = (1 - Y / |d|) / H, has the derivatives
+With the names of `constitutive_law`, where a curvature x yields, d = x - c exceeds the yield
+curvature Y along n = d / |d|, and the middle of the elastic range after it, c + f d with
+f = 1 - Y / |d|, has the derivatives
 
-    by x     A = f I + (Y / (|d| H)) n n'
-    by the plastic curvature before   I - H A
-    by Y     -n / H
-    by h     -A kappa_p - f d / H
+    by x     A = f I + (Y / |d|) n n'
+    by the middle before   I - A
+    by Y     -n
 
-The softening moment m_i = B_i c x_i of the elastic curvature x has the secant c(r), with
-dc = (tangent - secant) (dr / r - dhalf / half) and r^2 = (B_1 x_1^2 + B_2 x_2^2) / mean B. Internal
+The elastic curvature is x less 1 - h times that middle, h the hardening. The softening moment
+m_i = B_i s x_i of the elastic curvature x has the secant s(r), with
+ds = (tangent - secant) (dr / r - dhalf / half) and r^2 = (B_1 x_1^2 + B_2 x_2^2) / mean B. Internal
 friction z becomes k z + (1 - k) n with k = exp(-|dx| / w).
 
 They are computed once for a step; a parameter costs products of small matrices then.
@@ -25,44 +25,41 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.elements.constitutive_law import plastic_curvature
+from dlo_ros.rod.elements.constitutive_law import yield_centre as centre_after
 from dlo_ros.spline import FloatArray
 
 
 class MomentDerivatives(NamedTuple):
     """Derivatives at the quadrature points; no points where the law is linear."""
 
-    plastic: FloatArray  # (nb, 2, 6) plastic curvature by curvature, that before, Y and h
-    moment: FloatArray  # (nb, 2, 10) by bending stiffness 11 and 22, as `plastic`, half; itself
+    yield_centre: FloatArray  # (nb, 2, 5) middle of the elastic range by x, that before and Y
+    moment: FloatArray  # (nb, 2, 10) by bending stiffness 11 and 22, x, c, Y, h, half; itself
     slide: FloatArray  # (nb, 2, 6) z by change of curvature, z before, w; and z itself
 
 
 @njit(inline="always")
-def _plastic(x1, x2, p1, p2, law, e, out):
-    """Write the derivatives of the plastic curvature, (2, 6); see above."""
-    h = 1.0 + law.hardening
-    d1, d2 = x1 - h * p1, x2 - h * p2
+def _centre(x1, x2, c1, c2, law, e, out):
+    """Write the derivatives of the middle of the elastic range, (2, 5); see above."""
+    d1, d2 = x1 - c1, x2 - c2
     size = np.sqrt(d1 * d1 + d2 * d2)
     out[:, :] = 0.0
     if size <= law.yield_curvature[e]:
         out[0, 2], out[1, 3] = 1.0, 1.0
         return
-    n1, n2, rest = d1 / size, d2 / size, law.yield_curvature[e] / (size * h)
-    flow = 1.0 / h - rest
+    n1, n2, rest = d1 / size, d2 / size, law.yield_curvature[e] / size
+    flow = 1.0 - rest
     a11, a12, a22 = flow + rest * n1 * n1, rest * n1 * n2, flow + rest * n2 * n2
     out[0, 0], out[0, 1], out[1, 0], out[1, 1] = a11, a12, a12, a22
-    out[0, 2], out[0, 3], out[1, 2], out[1, 3] = 1.0 - h * a11, -h * a12, -h * a12, 1.0 - h * a22
-    out[0, 4], out[1, 4] = -n1 / h, -n2 / h
-    out[0, 5] = -a11 * p1 - a12 * p2 - flow * d1 / h
-    out[1, 5] = -a12 * p1 - a22 * p2 - flow * d2 / h
+    out[0, 2], out[0, 3], out[1, 2], out[1, 3] = 1.0 - a11, -a12, -a12, 1.0 - a22
+    out[0, 4], out[1, 4] = -n1, -n2
 
 
 @njit(inline="always")
-def _moment(stiff1, stiff2, x1, x2, p1, p2, law, e, plastic, out):
+def _moment(stiff1, stiff2, x1, x2, c1, c2, law, e, centre, out):
     """Write the derivatives of `constitutive_law.bending_moment` and itself, (2, 10)."""
-    q1, q2 = plastic_curvature(x1, x2, p1, p2, law.yield_curvature[e], law.hardening)
-    half = law.half_curvature[e]
-    e1, e2 = x1 - q1, x2 - q2
+    q1, q2 = centre_after(x1, x2, c1, c2, law.yield_curvature[e])
+    half, soft = law.half_curvature[e], 1.0 - law.hardening
+    e1, e2 = x1 - soft * q1, x2 - soft * q2
     mean = 0.5 * (stiff1 + stiff2)
     f1, f2 = stiff1 * e1, stiff2 * e2  # linear moments
     r2 = (f1 * e1 + f2 * e2) / mean
@@ -82,9 +79,10 @@ def _moment(stiff1, stiff2, x1, x2, p1, p2, law, e, plastic, out):
     )  # fmt: skip
     out[0, 0], out[0, 1] = secant * e1 + f1 * by1, f1 * by2
     out[1, 0], out[1, 1] = f2 * by1, secant * e2 + f2 * by2
-    for c in range(6):
-        out[0, 2 + c] = -t11 * plastic[0, c] - t12 * plastic[1, c]
-        out[1, 2 + c] = -t12 * plastic[0, c] - t22 * plastic[1, c]
+    for c in range(5):
+        out[0, 2 + c] = -soft * (t11 * centre[0, c] + t12 * centre[1, c])
+        out[1, 2 + c] = -soft * (t12 * centre[0, c] + t22 * centre[1, c])
+    out[0, 7], out[1, 7] = t11 * q1 + t12 * q2, t12 * q1 + t22 * q2
     out[0, 2] += t11
     out[0, 3] += t12
     out[1, 2] += t12
@@ -123,18 +121,18 @@ def moment_derivatives(other, bend, bend_rest, internal, law):
         internal: internal variables before.
         law: see `ConstitutiveLaw`.
     """
-    plastic, inner, points = internal.plastic, internal.inner, other.shape[0]
+    centre, inner, points = internal.yield_centre, internal.inner, other.shape[0]
     yields = points if law.active != 0.0 else 0
     # A grip that gives does not rub: somewhere the DLO itself does.
     slides = inner.shape[0] if np.min(law.turn) < np.inf else 0
     out = MomentDerivatives(
-        np.empty((yields, 2, 6)), np.empty((yields, 2, 10)), np.empty((slides, 2, 6))
+        np.empty((yields, 2, 5)), np.empty((yields, 2, 10)), np.empty((slides, 2, 6))
     )
     for e in range(yields):
         x1, x2 = other[e, 0] - bend_rest[e, 0], other[e, 1] - bend_rest[e, 1]
-        p1, p2 = plastic[e, 0], plastic[e, 1]
-        _plastic(x1, x2, p1, p2, law, e, out.plastic[e])
-        _moment(bend[e, 0], bend[e, 1], x1, x2, p1, p2, law, e, out.plastic[e], out.moment[e])
+        c1, c2, by = centre[e, 0], centre[e, 1], out.yield_centre[e]
+        _centre(x1, x2, c1, c2, law, e, by)
+        _moment(bend[e, 0], bend[e, 1], x1, x2, c1, c2, law, e, by, out.moment[e])
     for e in range(slides):
         _slide(
             other[e, 0] - inner[e, 4], other[e, 1] - inner[e, 5], inner[e, 2], inner[e, 3],

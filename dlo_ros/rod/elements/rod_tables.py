@@ -53,7 +53,7 @@ class ConstitutiveLaw(NamedTuple):
     active: float  # 0: it does not
     half_curvature: FloatArray  # (nb,) [1/m] infinite: linear
     yield_curvature: FloatArray  # (nb,) [1/m] infinite: elastic
-    hardening: float  # h: hardening modulus over bending stiffness
+    hardening: float  # h: tangent stiffness past the yield over that before it, 0 to 1
     relaxing: float  # share of the bending stiffness that relaxes
     lasting: float  # [s] time in which it does
     slide: float  # largest moment of internal friction [N m]
@@ -102,7 +102,7 @@ NO_SPRINGS = Springs(np.zeros((0, 0)), np.zeros(0))
 class InternalVariables(NamedTuple):
     """Internal variables: the memory of bending and of friction."""
 
-    plastic: FloatArray  # (nb, 2) plastic curvature [1/m]
+    yield_centre: FloatArray  # (nb, 2) middle of the elastic range [1/m]
     anchor: FloatArray  # (nb, 2) x and z where friction with the board is free of force [m]
     inner: FloatArray  # (nb, 6) two components each: moment of what relaxes over the bending
     # stiffness [1/m], moment of internal friction over its largest, curvature then [1/m]

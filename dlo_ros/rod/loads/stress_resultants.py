@@ -159,7 +159,7 @@ class Stresses:
         if internal.inner.shape[1]:
             result += law.slide * internal.inner[..., 2:4]
         if law.active != 0.0:
-            elastic = x - internal.plastic
+            elastic = x - (1.0 - law.hardening) * internal.yield_centre
             mean = stiff.mean(axis=-1, keepdims=True)
             size = np.sqrt(np.sum(stiff * elastic**2, axis=-1, keepdims=True) / mean)
             ratio = np.maximum(size / law.half_curvature[:, None], 1e-9)

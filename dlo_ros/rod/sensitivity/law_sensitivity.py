@@ -76,7 +76,7 @@ def add_law_stresses(base, more, law, rates, inner, past, other, derivatives, h,
                     - z[c, 0] * before[4] - z[c, 1] * before[5]
                 )  # fmt: skip
         for e in range(moment.shape[0]):
-            m, before = moment[e], past.plastic[a, e]
+            m, before = moment[e], past.yield_centre[a, e]
             s1, s2, r1, r2 = (
                 more.bend[a, e, 0], more.bend[a, e, 1], more.bend_rest[a, e, 0],
                 more.bend_rest[a, e, 1],
@@ -106,17 +106,17 @@ def propagate_internal_bending(
         h: length of the step [s], 0 to an equilibrium.
         d_other: derivatives of the strains after the step, shape (P, nb, 3).
     """
-    yields, slide, directors = derivatives.plastic, derivatives.slide, 1 if flat else 2
+    yields, slide, directors = derivatives.yield_centre, derivatives.slide, 1 if flat else 2
     for a in range(d_other.shape[0]):
         for e in range(yields.shape[0]):
-            p, before = yields[e], change.plastic[a, e]
+            p, before = yields[e], change.yield_centre[a, e]
             p1, p2 = before[0], before[1]
             x1 = d_other[a, e, 0] - d_rest[a, e, 0]
             x2 = d_other[a, e, 1] - d_rest[a, e, 1]
             for c in range(directors):
                 before[c] = (
                     p[c, 0] * x1 + p[c, 1] * x2 + p[c, 2] * p1 + p[c, 3] * p2
-                    + p[c, 4] * rates.yield_curvature[a, e] + p[c, 5] * rates.hardening[a]
+                    + p[c, 4] * rates.yield_curvature[a, e]
                 )  # fmt: skip
         for e in range(slide.shape[0]):
             z, before = slide[e], change.inner[a, e]

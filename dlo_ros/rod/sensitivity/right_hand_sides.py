@@ -262,7 +262,7 @@ def slipping(
     """Right-hand sides of a rod that slips through a grip: its numbers grow with its length."""
     time, last, h = new.clock[TIME], old.clock[LAST], new.clock[LAST]
     inner, count = old.internal, varying.step.size
-    elastic = inner.plastic.shape[0] + inner.inner.shape[0] + inner.anchor.shape[0] == 0
+    elastic = inner.yield_centre.shape[0] + inner.inner.shape[0] + inner.anchor.shape[0] == 0
     around, rates = system.around, varying.rates
     touching = around.pegs.shape[1] + around.walls.shape[1] > 0
     chosen = np.ones(count, dtype=np.bool_)

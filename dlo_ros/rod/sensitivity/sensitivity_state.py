@@ -90,7 +90,7 @@ def shift_state(target, state, v, a, d):
     shift(target.stretch_before, state.stretch_before, d, v.stretch_before[a])
     shift(target.other, state.other, d, v.other[a])
     shift(target.other_before, state.other_before, d, v.other_before[a])
-    shift(target.internal.plastic, state.internal.plastic, d, v.internal.plastic[a])
+    shift(target.internal.yield_centre, state.internal.yield_centre, d, v.internal.yield_centre[a])
     shift(target.internal.anchor, state.internal.anchor, d, v.internal.anchor[a])
     shift(target.internal.inner, state.internal.inner, d, v.internal.inner[a])
 

@@ -52,7 +52,7 @@ def follow(
     if q.shape[1] != PLANAR:
         _turned_strains(rule, after.other, turn, twist, d_other)
         vary_carried_frame(q, rule, after.reference, d_q, grad_o, turn, twist, varying.reference)
-    if old.internal.plastic.shape[0] + old.internal.inner.shape[0] > 0:
+    if old.internal.yield_centre.shape[0] + old.internal.inner.shape[0] > 0:
         propagate_internal_bending(
             d_rest, matter.law, varying.rates.law, old.internal.inner,
             varying.internal, after.other, derivatives, h, q.shape[1] == PLANAR, d_other,

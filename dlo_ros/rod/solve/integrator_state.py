@@ -57,7 +57,7 @@ def commit(new, state):
     assign(state.stretch_before, new.stretch_before)
     assign(state.other, new.other)
     assign(state.other_before, new.other_before)
-    assign(state.internal.plastic, new.internal.plastic)
+    assign(state.internal.yield_centre, new.internal.yield_centre)
     assign(state.internal.anchor, new.internal.anchor)
     assign(state.internal.inner, new.internal.inner)
 
@@ -74,6 +74,7 @@ def another(state):
         state.stretch.copy(), state.stretch_before.copy(), state.other.copy(),
         state.other_before.copy(),
         InternalVariables(
-            state.internal.plastic.copy(), state.internal.anchor.copy(), state.internal.inner.copy()
+            state.internal.yield_centre.copy(), state.internal.anchor.copy(),
+            state.internal.inner.copy(),
         ),
     )  # fmt: skip
