@@ -3,7 +3,8 @@
 
 Every parameter is given by two variants of the rod and of its command, a little above and a little
 below its value. The derivatives of the equations with the shape held (`right_hand_sides`; at rest,
-of an inelastic rod, differences of both variants) give that of the shape by one back-substitution.
+of an inelastic rod, differences of both variants) give that of the shape by one back-substitution,
+or a few where the tangent is not symmetric (`unsymmetric_tangent`).
 Strains, internal variables and the transported frame vary along, and whatever an effect does to the
 rod is covered.
 """
@@ -29,6 +30,7 @@ from dlo_ros.rod.sensitivity.sensitivity_state import (
     shift,
 )
 from dlo_ros.rod.sensitivity.strain_sensitivity import follow
+from dlo_ros.rod.sensitivity.unsymmetric_tangent import add_skew_part
 from dlo_ros.rod.solve import banded_factorisation, newton_iteration
 from dlo_ros.rod.solve.constraints import back_substitute, eliminate, stiffen
 from dlo_ros.rod.solve.equation_system import (
@@ -51,12 +53,17 @@ from dlo_ros.rod.solve.integrator_state import LAST, TIME, IntegratorState, assi
 
 @linked()
 def _solve(system, band, rhs, increments, gaps):
-    """Solve the tangent system for the derivatives of the shape, in place of rhs (P, n d)."""
+    """Solve the tangent system for the derivatives of the shape, in place of rhs (P, n d).
+
+    Returns:
+        The diagonal of its factors, which are in place of the band.
+    """
     eliminate(band, system.fixed, rhs, increments)
     stiffen(band, rhs, system.pins, gaps)
     diagonal = np.empty(system.fixed.size)
     banded_factorisation.factorise(band, diagonal)
     back_substitute(band, diagonal, system.pins, gaps, rhs)
+    return diagonal
 
 
 @linked()
@@ -127,7 +134,12 @@ def propagate_step(system, imposed, old, new, varying):
             q, rule, old.reference, varying.reference, new.other, response, turn, twist, forces
         )
         rhs -= forces
-    _solve(system, band, rhs, increments, gaps)
+    diagonal = _solve(system, band, rhs, increments, gaps)
+    if q.shape[1] != PLANAR:
+        add_skew_part(
+            system, band, diagonal, derivatives, matter.law, grad_s, grad_o, new.other, turn, twist,
+            rhs,
+        )  # fmt: skip
     d_q = rhs.reshape((count, q.shape[0], q.shape[1]))
     d_rest = rest_rates(system, imposed, time, varying)
     follow(
@@ -194,16 +206,21 @@ def propagate_equilibrium(system, imposed, before, rest, internal, fresh, varyin
                         target[-end, 3] += align(varying.frames[a, side, end], rest.frames[end])
                 add(increments[a], share, target.ravel())
                 add(gaps[a], share, gap)
-    _solve(system, band, rhs, increments, gaps)
+    diagonal = _solve(system, band, rhs, increments, gaps)
+    unturned = np.zeros((count, rule.weight.size))
+    derivatives = moment_derivatives(
+        rest.other, system.stiffness.bend[0], matter.bend_rest, internal, matter.law
+    )
+    if q.shape[1] != PLANAR:
+        add_skew_part(
+            system, band, diagonal, derivatives, matter.law, grad_s, grad_o, rest.other, unturned,
+            unturned, rhs,
+        )  # fmt: skip
     d_q = rhs.reshape((count, q.shape[0], q.shape[1]))
     start = IntegratorState(
         rest.clock, rest.q, rest.velocity, rest.acceleration, rest.auxiliary, rest.reference,
         rest.frames, rest.stretch, rest.stretch_before, rest.other, rest.other_before, internal,
     )  # fmt: skip
-    unturned = np.zeros((count, rule.weight.size))
-    derivatives = moment_derivatives(
-        rest.other, system.stiffness.bend[0], matter.bend_rest, internal, matter.law
-    )
     follow(
         system, rest, start, 0.0, matter, rest_rates(system, imposed, time, varying), derivatives,
         varying, d_q, grad_s, grad_o, unturned, unturned,

@@ -16,7 +16,7 @@ from dlo_ros.rod.solve.integrator_state import assign
 
 
 @linked()
-def _turned_strains(rule, other, turn, twist, d_other):
+def turned_strains(rule, other, turn, twist, d_other):
     """Add the strains that a change of the frame before the step causes; see `follow`."""
     line = np.empty(3)
     for a in range(turn.shape[0]):
@@ -50,7 +50,7 @@ def follow(
     q, rule = after.q, system.rule
     d_stretch, d_other = rod_forces.strain_sensitivities(rule, grad_s, grad_o, d_q)
     if q.shape[1] != PLANAR:
-        _turned_strains(rule, after.other, turn, twist, d_other)
+        turned_strains(rule, after.other, turn, twist, d_other)
         vary_carried_frame(q, rule, after.reference, d_q, grad_o, turn, twist, varying.reference)
     if old.internal.yield_centre.shape[0] + old.internal.inner.shape[0] > 0:
         propagate_internal_bending(
