@@ -118,6 +118,6 @@ def test_what_has_yielded_in_the_first_shape_changes_with_the_law():
     name = "effects.plasticity.yield_curvature"
     for curvature in (3.0 - step, 3.0, 3.0 + step):
         found.append(begun(yielding(curvature), imposed, shape, "observed", (name,)).state)
-    expected = (found[2].internal.plastic - found[0].internal.plastic) / (2.0 * step)
+    expected = (found[2].internal.yield_centre - found[0].internal.yield_centre) / (2.0 * step)
     assert np.abs(expected).max() > 0.5
-    np.testing.assert_allclose(found[1].sensitivity.internal.plastic[0], expected, atol=1e-6)
+    np.testing.assert_allclose(found[1].sensitivity.internal.yield_centre[0], expected, atol=1e-6)
