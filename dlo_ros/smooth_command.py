@@ -15,17 +15,21 @@ from scipy.interpolate import CubicHermiteSpline
 
 from dlo_ros.command import END, START, Command
 
+CORNER = 2e-3
+"""Distance of a motion's straight pieces from a smooth path through its points, over the length of
+the DLO, from which a point is a corner: ten times what a robot arm leaves that is recorded at the
+rate of a camera."""
 FINE = 2.5e-3
 """Longest time between points of a smooth motion [s]: what is left of a turning clamp's corners."""
 MOST_PARTS = 40
 
 
-def smoothed(command: Command, size: float, reach: float) -> Command:
+def smoothed(command: Command, length: float) -> Command:
     """The motion along a smooth path through all points but its corners, and at their times.
 
     Args:
         command: the motion; where points carry velocities, these stay.
-        size, reach: what counts as a corner, see `Command.corners`; there the velocity jumps still.
+        length: length of the DLO [m], by which corners are judged; there the velocity still jumps.
     """
     times = command.times
     if len(times) < 3:
@@ -34,7 +38,7 @@ def smoothed(command: Command, size: float, reach: float) -> Command:
     rotations[:, [name in (START, END) for name in command.names]] = command.clamp_rotations
     poses = np.concatenate([command.positions, rotations], axis=2)
     rates = np.gradient(poses, times, axis=0, edge_order=2)  # of parabolas through neighbours
-    sharp = np.isin(times, command.corners(size, reach))
+    sharp = np.isin(times, command.corners(CORNER * length, length))
     sharp[[0, -1]] = True  # what holds before and after has no velocity
     rates[sharp] = np.nan
     given = np.isfinite(command.velocities)

@@ -17,7 +17,6 @@ from dlo_ros.rod.statics import settle
 from dlo_ros.smooth_command import smoothed
 
 LENGTH, PERIOD, REACH, TURN = 0.4, 1.0, 0.05, 0.5
-CORNER = 2e-3 * LENGTH
 
 
 def swung(times, **others):
@@ -39,7 +38,7 @@ def speeds(command, times):
 
 def test_it_goes_through_the_points_as_the_motion_that_was_recorded_did():
     rate = np.arange(0.0, 1.001, 0.04)
-    found = smoothed(swung(rate), CORNER, LENGTH)
+    found = smoothed(swung(rate), LENGTH)
     fine = np.linspace(0.05, 0.95, 301)
     exact, rough = swung(fine), swung(rate)
     off = np.abs(found.positions_at(fine) - exact.positions).max()
@@ -50,7 +49,7 @@ def test_it_goes_through_the_points_as_the_motion_that_was_recorded_did():
         turn = (Rotation.from_quat(rotation[0]) * Rotation.from_quat(exact.sample(
             round(t * NANOSECONDS))[1][0]).inv()).magnitude()  # fmt: skip
         assert turn < 1e-3
-    # Beside the points velocities agree, as those of straight pieces do not.
+    # Velocities before and after a point agree, as those of straight pieces do not.
     beside = np.concatenate([rate[1:-1] - 1e-4, rate[1:-1] + 1e-4])
     before, after = speeds(found, beside).reshape(2, -1)
     assert np.abs(after - before).max() < 2e-3
@@ -63,19 +62,19 @@ def test_a_corner_stays_one_and_velocities_that_are_given_stay():
     corner = swung(times, velocities=np.full((11, 1, 3), np.nan))
     positions = np.zeros((11, 1, 3))
     positions[:, 0, 0] = 0.1 * np.minimum(times, 1.0 - times)
-    found = smoothed(replace(corner, positions=positions), CORNER, LENGTH)
+    found = smoothed(replace(corner, positions=positions), LENGTH)
     at = np.array([0.2, 0.497, 0.503, 0.8])
     np.testing.assert_allclose(speeds(found, at), [0.1, 0.1, -0.1, -0.1], atol=1e-6)
     assert found.times[-1] == 1.0 and np.all(np.diff(found.times) > 0.0)
 
     given = np.zeros((11, 1, 3))  # it stops at every point
-    found = smoothed(swung(times, velocities=given), CORNER, LENGTH)
+    found = smoothed(swung(times, velocities=given), LENGTH)
     np.testing.assert_allclose(speeds(found, times[1:-1]), 0.0, atol=1e-3)
 
 
 def test_two_points_are_a_straight_way():
     way = swung(np.array([0.0, 0.5]))
-    assert smoothed(way, CORNER, LENGTH) is way
+    assert smoothed(way, LENGTH) is way
 
 
 def test_forces_in_a_report_are_those_of_the_motion_and_not_of_its_corners():

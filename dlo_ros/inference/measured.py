@@ -122,13 +122,9 @@ class Recording:
         )  # fmt: skip
 
 
-PLANAR = 1e-6
-"""Largest distance from the plane y = 0 over L at which a shape lies in it."""
-
-
 def leaves_plane(manipulation: Manipulation, settings: Settings) -> bool:
     """Whether an observed shape of a recording leaves the board's plane."""
-    most = PLANAR * settings.rod.length
+    most = 1e-6 * settings.rod.length
     return any(np.abs(o.control_points[:, 1]).max() > most for o in manipulation.observations)
 
 

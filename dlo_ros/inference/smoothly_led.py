@@ -12,11 +12,6 @@ from dataclasses import replace
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.smooth_command import smoothed
 
-CORNER = 2e-3
-"""Distance of a motion's straight pieces from a smooth path through its points, over the length of
-the DLO, from which a point is a corner: ten times what a robot arm leaves that is recorded at the
-rate of a camera."""
-
 
 def smoothly_led(recording: Manipulation, length: float) -> Manipulation:
     """The recording with commands that are smooth but for their corners, see `smoothed`.
@@ -24,5 +19,5 @@ def smoothly_led(recording: Manipulation, length: float) -> Manipulation:
     Args:
         length: length of the DLO [m].
     """
-    commands = tuple(smoothed(c, CORNER * length, length) for c in recording.commands)
+    commands = tuple(smoothed(c, length) for c in recording.commands)
     return replace(recording, commands=commands)

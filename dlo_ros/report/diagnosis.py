@@ -210,7 +210,7 @@ def _in_space(r: DiagnosedRecording) -> bool:
 
 
 def _sides(r: DiagnosedRecording, left: str, right: str) -> str:
-    """What tells the sides of the DLO to which it is off, in the board's plane; nothing in space.
+    """Words for the sides of the DLO to which it is off in the board's plane; none in space.
 
     Args:
         left, right: words for both of them.

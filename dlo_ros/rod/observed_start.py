@@ -161,7 +161,7 @@ class _Begun:
 
     @property
     def _hinges(self) -> FloatArray:
-        """What decides how the DLO is bent where a grip gives, shape (m, 6)."""
+        """Numbers that decide how the DLO is bent where a grip gives, shape (m, 6)."""
         body = self.model.body
         hinge = np.broadcast_to(body.hinge, body.weight.shape)
         numbers = np.column_stack([hinge, body.bend_matrix, body.bend_rest])

@@ -130,7 +130,7 @@ def true_command(model: RodModel, command: Command) -> Command:
 def imposed_of(
     model: RodModel, boundary: Boundary, command: Command, true: Command
 ) -> conditions.Imposed:
-    """What is truly imposed for compiled code, with the length that slips through a grip meanwhile.
+    """The motion truly imposed, for compiled code, with the length that slips in meanwhile.
 
     Args:
         command: command as it was given, effects not applied; over its path the grip slips.

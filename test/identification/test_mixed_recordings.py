@@ -24,7 +24,7 @@ def planar():
 
 @pytest.fixture(scope="module")
 def spatial(planar):
-    """The same motion, measured by cameras that see the other direction, too."""
+    """The motion as cameras measure it that see the other direction, too."""
     rng = np.random.default_rng(5)
     seen = []
     for observation in planar.observations:

@@ -77,7 +77,7 @@ def test_shapes_and_forces_tell_both_e_and_mu(swinging):
 
 
 def test_a_stated_tolerance_leaves_what_forces_tell(swinging):
-    """That of the diameter, which nobody states, stays out where all else is exact."""
+    """The tolerance of a diameter that nobody states stays out where all else is exact."""
     plain = identify([swinging], known(SENSOR)).estimate
     flat = known(SENSOR).flat() | {
         "effects.gravity_tilt.angle": 0.0, "effects.gravity_tilt.angle_std": 1e-3

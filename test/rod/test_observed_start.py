@@ -83,7 +83,7 @@ def test_a_grip_that_gives_is_turned_from_the_first_instant(names, compliance):
     first = begun(settings, imposed, shape, "observed").prediction()
     away = np.linalg.norm((first.control_points - shape)[:, :3], axis=1)
     assert away.max() < 1e-3 * LENGTH  # as of a rigid grip, by the rounding of an observed spline
-    # What is left is the moment's error over the short spans beside the grip: 20 N, led otherwise.
+    # The moment's error is left over the short spans beside the grip: 20 N, led otherwise.
     assert np.linalg.norm(first.loading.start.force) < 12.0
 
 
