@@ -52,7 +52,7 @@ class AccumulatedInformation:
         yield LONG
         used, bins, settings = run.used, run.spectrum(), run.simulation.settings
         usable = np.isfinite(prior.guess)
-        offset = np.where(usable, prior.guess - run.at.theta, 0.0)
+        offset = np.subtract(prior.guess, run.at.theta, out=np.zeros(4), where=usable)
         before = self._variances
         start = [before] if before and len(before.white) == bins.parts else None
         try:  # from there the search goes on at the next look
