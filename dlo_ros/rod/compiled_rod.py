@@ -262,6 +262,8 @@ def _rates(system: System, step: FloatArray) -> Rates:
         width = 2.0 * step.reshape(-1, *([1] * (x.ndim - 1)))
         change = np.zeros_like(x[1::2])  # also of what is infinite in both
         np.subtract(x[1::2], x[2::2], out=change, where=x[1::2] != x[2::2])
+        # Nor what is infinite in one alone: a law that a grip has no more as soon as it gives.
+        change[~np.isfinite(change)] = 0.0
         return np.ascontiguousarray(change / width)
 
     around = system.around

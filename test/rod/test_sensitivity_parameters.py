@@ -16,6 +16,7 @@ from dlo_ros.spline import SplineBasis
 
 SOFT = replace(PAPER, rod=replace(PAPER.rod, young_modulus=5e6))
 LENGTH = SOFT.rod.length
+OBSERVED = replace(SOFT.simulation, start="observed")
 STOPS = [SECOND // 10, SECOND // 4]
 CLAMPED = command(["start"], [0.0, 0.2], [[[0.0, 0.0, 0.0]], [[0.02, 0.0, 0.04]]])
 BETWEEN = command(
@@ -41,7 +42,7 @@ def run(settings, imposed, parameters=()):
     free = imposed is CLAMPED
     shape[:, 0] = (0.38 if free else 0.26) * share
     shape[:, 2] = -0.1 * (share**2 if free else np.sin(np.pi * share))
-    simulation = Simulation(settings, Motion([imposed]), parameters=parameters, spans=12)
+    simulation = Simulation(settings, Motion([imposed]), parameters=parameters, spans=14)
     simulation.start([Observation(0, shape)])
     track = [simulation.prediction(), *simulation.advance_through(STOPS)]
     derivatives = np.array([p.sensitivity[0] for p in track]) if parameters else None
@@ -88,11 +89,35 @@ def test_a_model_without_derivatives_is_varied_within_the_range_too():
     assert 0.99 * LENGTH < below.effects["point_mass"]["position"] < LENGTH
 
 
-def test_a_hardening_with_which_nothing_yields_has_a_finite_derivative():
-    """A variant of it yields, and softening makes the law of both a nonlinear one."""
-    laws = {
-        "plasticity": {"yield_curvature": 3.0, "hardening": 1.0},
-        "nonlinear_stiffness": {"half_curvature": 5.0},
-    }
-    _, found = run(SOFT.with_effects(laws), BETWEEN, ("effects.plasticity.hardening",))
-    assert np.isfinite(found).all()
+@pytest.mark.parametrize(
+    ("name", "laws"),
+    [
+        (
+            "plasticity.hardening",
+            {
+                "plasticity": {"yield_curvature": 3.0, "hardening": 1.0},
+                "nonlinear_stiffness": {"half_curvature": 5.0},
+            },
+        ),
+        # A grip is linear as soon as it gives, and one of a variant gives alone.
+        (
+            "clamp_compliance.start",
+            {
+                "hysteresis": {"moment": 2e-3, "curvature": 2.0},
+                "clamp_compliance": {"start": 0.0},
+            },
+        ),
+        (
+            "clamp_compliance.start",
+            {
+                "plasticity": {"yield_curvature": 3.0, "hardening": 0.3},
+                "clamp_compliance": {"start": 0.0},
+            },
+        ),
+    ],
+)
+def test_derivatives_beside_a_law_that_begins_or_ends_there_are_finite(name, laws):
+    settings, name = SOFT.with_effects(laws), f"effects.{name}"
+    for here in (settings, replace(settings, simulation=OBSERVED)):
+        _, found = run(here, CLAMPED, (name,))
+        assert np.isfinite(found).all() and found.any()
