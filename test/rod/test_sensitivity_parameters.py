@@ -34,7 +34,7 @@ ENDS = [
 ]
 
 
-def run(settings, imposed, parameters=()):
+def run(settings, imposed, parameters=(), spans=12):
     """Shapes at rest and at the stops, (3, n, 3), and their derivatives by one parameter."""
     basis = SplineBasis(settings.rod.control_points, LENGTH)
     share = basis.greville / LENGTH
@@ -42,7 +42,7 @@ def run(settings, imposed, parameters=()):
     free = imposed is CLAMPED
     shape[:, 0] = (0.38 if free else 0.26) * share
     shape[:, 2] = -0.1 * (share**2 if free else np.sin(np.pi * share))
-    simulation = Simulation(settings, Motion([imposed]), parameters=parameters, spans=14)
+    simulation = Simulation(settings, Motion([imposed]), parameters=parameters, spans=spans)
     simulation.start([Observation(0, shape)])
     track = [simulation.prediction(), *simulation.advance_through(STOPS)]
     derivatives = np.array([p.sensitivity[0] for p in track]) if parameters else None
@@ -119,5 +119,5 @@ def test_a_model_without_derivatives_is_varied_within_the_range_too():
 def test_derivatives_beside_a_law_that_begins_or_ends_there_are_finite(name, laws):
     settings, name = SOFT.with_effects(laws), f"effects.{name}"
     for here in (settings, replace(settings, simulation=OBSERVED)):
-        _, found = run(here, CLAMPED, (name,))
+        _, found = run(here, CLAMPED, (name,), spans=14)
         assert np.isfinite(found).all() and found.any()
