@@ -182,7 +182,7 @@ def _over_time(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[s
             "neighbours was probably measured wrongly.",
         ),
         figure(
-            field_maps(titles, r.times, r.u, fields, "distance [mm]", signed=not _in_space(r)),
+            field_maps(titles, r.times, r.u, fields, "distance [mm]", signed=_signed(r)),
             "Distance of the observed shape from the predicted one across the DLO, along it (u "
             f"counts from the start) and over time{_sides(r, '; red', ', blue')}. Noise looks "
             "grainy; an area of one colour is an error of the model.",
@@ -204,9 +204,9 @@ def _at_rest(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[str
     ]
 
 
-def _in_space(r: DiagnosedRecording) -> bool:
-    """Whether the observed shapes leave the board's plane."""
-    return bool(r.observed[..., 1].any())
+def _signed(r: DiagnosedRecording) -> bool:
+    """Whether distances have a sign: to one side of the DLO or the other, as in the plane alone."""
+    return bool((r.field_before < 0.0).any() or (r.field_after < 0.0).any())
 
 
 def _sides(r: DiagnosedRecording, left: str, right: str) -> str:
@@ -215,7 +215,7 @@ def _sides(r: DiagnosedRecording, left: str, right: str) -> str:
     Args:
         left, right: words for both of them.
     """
-    if _in_space(r):
+    if not _signed(r):
         return ""
     return f"{left} where the observed one lies to the left of growing u{right} to the right"
 

@@ -152,8 +152,6 @@ def growth_of(
     model: RodModel, boundary: Boundary, command: Command, stamp: int
 ) -> tuple[float, float]:
     """Free length over the model's and its rate [1/s], see `equation_system.growth`."""
-    if not model.body.slip:
-        return 1.0, 0.0
     times = (stamp - command.stamp) / NANOSECONDS + MOMENT * np.array([-1.0, 0.0])
     grown = growth_at(model, boundary, command, times)
     return float(grown[1]), float(grown[1] - grown[0]) / MOMENT

@@ -130,7 +130,10 @@ class Stresses:
         Args:
             longer: see `Instants`.
         """
-        model, less = self._model, 1.0 / longer - 1.0
+        model = self._model
+        if longer == 1.0:
+            return model.stiffness.bend, model.stiffness.bend_rest
+        less = 1.0 / longer - 1.0
         one, two, both = model.stiffness.bend.T
         softer, product = less * model.hinge, one * two - both**2
         share = longer / (1.0 + softer * (one + two + softer * product))
