@@ -247,8 +247,9 @@ class Effect(Equivalence):
         name: in reports and parameter files.
         title: what it is, for people; its name where it says nothing.
         phrase: the same as a clause that says what is so: "a mass is fixed to the DLO".
-        acts_on: what it changes, found from the methods that are overridden: the rod, the command,
-            the measurement.
+        remedy: what a person can do about it by hand, in a short sentence or two.
+        group: the part of an experiment that it belongs to, such as clamps or camera.
+        acts_on: rod, command or measurement, found from the methods that are overridden.
         smooth: whether shapes have useful derivatives by its sizes where it does nothing. It is
             then looked for by a linear test; otherwise by trial of plausible sizes.
         differentiable: whether they have any once it acts. An impact has none: a DLO that hits
@@ -259,13 +260,14 @@ class Effect(Equivalence):
         in_setup: whether every real set-up has a little of it, within its tolerances.
         idealised: whether real DLOs follow its law in the rough only, which is so for all that acts
             on the rod but for plain errors of a set-up.
-        of_commanded_frames: whether `impose` needs the clamps' rotations as they were commanded,
-            before any other effect turns them.
+        of_commanded_frames: whether `impose` needs the clamps' rotations as they were commanded.
     """
 
     name: ClassVar[str]
     title: ClassVar[str] = ""
     phrase: ClassVar[str] = ""
+    remedy: ClassVar[str] = ""
+    group: ClassVar[str] = "DLO"
     acts_on: ClassVar[frozenset[Part]] = frozenset()
     smooth: ClassVar[bool] = True
     differentiable: ClassVar[bool] = True

@@ -27,6 +27,8 @@ class CameraRotation(Effect):
     name: ClassVar[str] = "camera_rotation"
     title: ClassVar[str] = "camera rotation"
     phrase: ClassVar[str] = "the camera is turned against the board"
+    remedy: ClassVar[str] = "Calibrate the camera's pose against the board again."
+    group: ClassVar[str] = "camera"
     in_setup: ClassVar[bool] = True
 
     angle: float | tuple[float, ...] = quantity(

@@ -17,6 +17,10 @@ class CameraScale(Effect):
     name: ClassVar[str] = "camera_scale"
     title: ClassVar[str] = "camera scale"
     phrase: ClassVar[str] = "the camera shows everything too small or too large"
+    remedy: ClassVar[str] = (
+        "Calibrate the camera again, and measure the pattern that it is calibrated with."
+    )
+    group: ClassVar[str] = "camera"
     in_setup: ClassVar[bool] = True
 
     ratio: float = quantity(

@@ -22,6 +22,8 @@ class CameraShift(Effect):
     name: ClassVar[str] = "camera_shift"
     title: ClassVar[str] = "camera shift"
     phrase: ClassVar[str] = "the camera shows everything shifted"
+    remedy: ClassVar[str] = "Calibrate the camera's pose against the board again."
+    group: ClassVar[str] = "camera"
     in_setup: ClassVar[bool] = True
 
     x: float = quantity(

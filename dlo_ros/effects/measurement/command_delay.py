@@ -16,6 +16,10 @@ class CommandDelay(Effect):
     name: ClassVar[str] = "command_delay"
     title: ClassVar[str] = "delay of the motion"
     phrase: ClassVar[str] = "the DLO does not move when the command says, but later or earlier"
+    remedy: ClassVar[str] = (
+        "Let camera and robot share one clock, and stamp pictures when they are taken."
+    )
+    group: ClassVar[str] = "time"
     in_setup: ClassVar[bool] = True
 
     delay: float = quantity(

@@ -16,6 +16,7 @@ class LengthError(Effect):
     name: ClassVar[str] = "length_error"
     title: ClassVar[str] = "length of the DLO"
     phrase: ClassVar[str] = "the DLO is longer or shorter than the parameter file says"
+    remedy: ClassVar[str] = "Measure the free length of the DLO again and correct rod.length."
     batched: ClassVar[bool] = False
     in_setup: ClassVar[bool] = True
 

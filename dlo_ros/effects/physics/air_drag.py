@@ -21,6 +21,8 @@ class AirDrag(Effect):
     name: ClassVar[str] = "air_drag"
     title: ClassVar[str] = "air drag"
     phrase: ClassVar[str] = "the air slows the DLO more or less than the parameter file says"
+    remedy: ClassVar[str] = "Nothing to mend by hand: the extended file corrects the drag."
+    group: ClassVar[str] = "surroundings"
 
     coefficient: float = quantity(
         0.0, "N s/m^2", -1000.0, 1000.0, "added drag", adds_to="air_drag",

@@ -28,6 +28,9 @@ class Anisotropy(Effect):
     phrase: ClassVar[str] = (
         "the DLO is flat and bends more easily about one axis of its section than about the other"
     )
+    remedy: ClassVar[str] = (
+        "Nothing to mend: a flat cable is like that. Clamp it the same way round in all recordings."
+    )
 
     ratio: float = quantity(
         1.0, "", 0.01, 100.0, "the other bending stiffness over B", role="ratio", tolerance=0.1,

@@ -30,6 +30,10 @@ class ClampAngle(Effect):
     name: ClassVar[str] = "clamp_angle"
     title: ClassVar[str] = "direction of a clamp"
     phrase: ClassVar[str] = "a clamp points in another direction than the command says"
+    remedy: ClassVar[str] = (
+        "Turn the clamp back by as much, or correct its direction in the command."
+    )
+    group: ClassVar[str] = "clamps"
     in_setup: ClassVar[bool] = True
 
     start: float | tuple[float, ...] = quantity(

@@ -31,6 +31,8 @@ class ClampCompliance(Effect):
     name: ClassVar[str] = "clamp_compliance"
     title: ClassVar[str] = "give of a grip"
     phrase: ClassVar[str] = "a grip turns under the moment of the DLO"
+    remedy: ClassVar[str] = "Tighten the grip, or let it hold a longer piece of the DLO."
+    group: ClassVar[str] = "clamps"
 
     start: float = quantity(
         0.0, "rad/(N m)", 0.0, 1e6, "at the start", natural=NATURAL, search=(0.0, 5.0)

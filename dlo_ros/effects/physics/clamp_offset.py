@@ -30,6 +30,8 @@ class ClampOffset(Effect):
     name: ClassVar[str] = "clamp_offset"
     title: ClassVar[str] = "place of a clamp"
     phrase: ClassVar[str] = "a clamp is in another place than the command says"
+    remedy: ClassVar[str] = "Move the clamp back by as much, or correct its place in the command."
+    group: ClassVar[str] = "clamps"
     in_setup: ClassVar[bool] = True
 
     start: tuple[float, ...] = quantity(

@@ -31,6 +31,8 @@ class ClampSlip(Effect):
     name: ClassVar[str] = "clamp_slip"
     title: ClassVar[str] = "slip through a clamp"
     phrase: ClassVar[str] = "the DLO slips through a clamp while it moves"
+    remedy: ClassVar[str] = "Tighten the clamp, or line it with rubber, and record again."
+    group: ClassVar[str] = "clamps"
     batched: ClassVar[bool] = False
 
     length: float = quantity(

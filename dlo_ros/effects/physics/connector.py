@@ -31,6 +31,9 @@ class Connector(Effect):
     name: ClassVar[str] = "connector"
     title: ClassVar[str] = "plug at the free end"
     phrase: ClassVar[str] = "a rigid plug with a mass sits on the free end"
+    remedy: ClassVar[str] = (
+        "Weigh the plug, measure its length, and enter both under effects.connector."
+    )
 
     mass: float = quantity(0.0, "kg", 0.0, 10.0, "its mass", tolerance=0.1)
     extent: float = quantity(0.0, "m", 0.0, 100.0, "its length", role="extent", search=(0.01, 0.4))

@@ -23,6 +23,10 @@ class ConstantForce(Effect):
     name: ClassVar[str] = "constant_force"
     title: ClassVar[str] = "even force"
     phrase: ClassVar[str] = "an even force, such as a draught, acts on all of the DLO"
+    remedy: ClassVar[str] = (
+        "Keep draughts away, and look for what pulls at the DLO all along, such as a tilted board."
+    )
+    group: ClassVar[str] = "surroundings"
     twins: ClassVar[frozenset[str]] = frozenset({"gravity_tilt"})
 
     x: float = quantity(

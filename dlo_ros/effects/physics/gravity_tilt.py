@@ -30,6 +30,10 @@ class GravityTilt(Effect):
     name: ClassVar[str] = "gravity_tilt"
     title: ClassVar[str] = "tilt of the board"
     phrase: ClassVar[str] = "the board does not hang plumb"
+    remedy: ClassVar[str] = (
+        "Turn the board back by as much with a level, or correct gravity in the parameter file."
+    )
+    group: ClassVar[str] = "surroundings"
     twins: ClassVar[frozenset[str]] = frozenset({"constant_force"})
     in_setup: ClassVar[bool] = True
 

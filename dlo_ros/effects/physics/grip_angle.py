@@ -31,6 +31,11 @@ class GripAngle(Effect):
     name: ClassVar[str] = "grip_angle"
     title: ClassVar[str] = "direction of a grip in the hand"
     phrase: ClassVar[str] = "a hand holds the DLO in another direction than its frame says"
+    remedy: ClassVar[str] = (
+        "Line the DLO up in the hand, or correct the hand's frame (command.start_offset, "
+        "command.end_offset)."
+    )
+    group: ClassVar[str] = "clamps"
     in_setup: ClassVar[bool] = True
 
     start: tuple[float, ...] = quantity(

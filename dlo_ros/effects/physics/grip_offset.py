@@ -36,6 +36,11 @@ class GripOffset(Effect):
     name: ClassVar[str] = "grip_offset"
     title: ClassVar[str] = "place of a grip in the hand"
     phrase: ClassVar[str] = "a hand holds the DLO at another place than its frame says"
+    remedy: ClassVar[str] = (
+        "Grip the DLO at the stated place, or correct the hand's frame (command.start_offset, "
+        "command.end_offset)."
+    )
+    group: ClassVar[str] = "clamps"
     in_setup: ClassVar[bool] = True
     of_commanded_frames: ClassVar[bool] = True
 

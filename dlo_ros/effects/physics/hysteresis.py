@@ -29,6 +29,7 @@ class Hysteresis(Effect):
     name: ClassVar[str] = "hysteresis"
     title: ClassVar[str] = "friction within the DLO"
     phrase: ClassVar[str] = "friction within the DLO, as of its strands, holds back its bending"
+    remedy: ClassVar[str] = "Nothing to mend: strands rub on one another in many cables."
     smooth: ClassVar[bool] = False
     batched: ClassVar[bool] = False
 

@@ -22,6 +22,7 @@ class InternalDamping(Effect):
     phrase: ClassVar[str] = (
         "the material damps its own bending more or less than the parameter file says"
     )
+    remedy: ClassVar[str] = "Nothing to mend by hand: the extended file corrects the damping."
 
     relaxation_time: float = quantity(
         0.0, "s", -10.0, 10.0, "added relaxation time", natural=20.0, adds_to="relaxation_time",

@@ -38,6 +38,10 @@ class IntrinsicCurvature(Effect):
     name: ClassVar[str] = "intrinsic_curvature"
     title: ClassVar[str] = "curvature at rest"
     phrase: ClassVar[str] = "the DLO is curved even where nothing bends it"
+    remedy: ClassVar[str] = (
+        "Straighten the DLO, or leave it as it is and clamp it the same way round in all "
+        "recordings."
+    )
     in_setup: ClassVar[bool] = True
 
     curvature: float | tuple[float, ...] = quantity(

@@ -24,6 +24,9 @@ class NonlinearStiffness(Effect):
     name: ClassVar[str] = "nonlinear_stiffness"
     title: ClassVar[str] = "softening"
     phrase: ClassVar[str] = "the DLO is softer where it is bent strongly"
+    remedy: ClassVar[str] = (
+        "Nothing to mend: many cables soften as they bend. Smaller bends show less of it."
+    )
     smooth: ClassVar[bool] = False
 
     half_curvature: float = quantity(

@@ -21,6 +21,11 @@ class Obstacle(Effect):
     name: ClassVar[str] = "obstacle"
     title: ClassVar[str] = "peg"
     phrase: ClassVar[str] = "the DLO touches something that the simulation does not know"
+    remedy: ClassVar[str] = (
+        "Move away what the DLO touches, or measure its place and enter that under "
+        "effects.obstacle."
+    )
+    group: ClassVar[str] = "surroundings"
     smooth: ClassVar[bool] = False
     differentiable: ClassVar[bool] = False
 

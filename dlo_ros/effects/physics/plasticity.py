@@ -28,6 +28,7 @@ class Plasticity(Effect):
     name: ClassVar[str] = "plasticity"
     title: ClassVar[str] = "lasting bend"
     phrase: ClassVar[str] = "the DLO stays bent where it has been bent strongly"
+    remedy: ClassVar[str] = "Bend the DLO less strongly, or straighten it before each recording."
     smooth: ClassVar[bool] = False
 
     yield_curvature: float = quantity(1e6, "1/m", 0.01, 1e6, "elastic curvature at the yield")

@@ -22,6 +22,9 @@ class PointMass(Effect):
     name: ClassVar[str] = "point_mass"
     title: ClassVar[str] = "mass on the DLO"
     phrase: ClassVar[str] = "a mass is fixed to the DLO"
+    remedy: ClassVar[str] = (
+        "Take the mass off, or weigh it and enter it with its place under effects.point_mass."
+    )
 
     mass: float = quantity(0.0, "kg", 0.0, 10.0, "the mass", tolerance=0.1)
     position: float = quantity(0.0, "m", 0.0, 100.0, "where it is fixed, u", role="place")

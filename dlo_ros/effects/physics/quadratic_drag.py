@@ -22,6 +22,10 @@ class QuadraticDrag(Effect):
     name: ClassVar[str] = "quadratic_drag"
     title: ClassVar[str] = "drag that grows with the square of speed"
     phrase: ClassVar[str] = "the air slows fast motion across the DLO more than slow motion"
+    remedy: ClassVar[str] = (
+        "Nothing to mend: air slows all fast motion. Slower motion shows less of it."
+    )
+    group: ClassVar[str] = "surroundings"
     batched: ClassVar[bool] = False
 
     coefficient: float = quantity(

@@ -28,6 +28,9 @@ class StiffSegment(Effect):
     name: ClassVar[str] = "stiff_segment"
     title: ClassVar[str] = "stiffer or softer segment"
     phrase: ClassVar[str] = "one part of the DLO is stiffer or softer than the rest"
+    remedy: ClassVar[str] = (
+        "Look there for tape, a splice or damage and remove it, or leave it as it is."
+    )
     mends: ClassVar[frozenset[str]] = frozenset({"stiffness_gradient"})
 
     centre: float = quantity(0.0, "m", 0.0, 100.0, "its middle, u", role="place")

@@ -20,6 +20,9 @@ class StiffnessGradient(Effect):
     name: ClassVar[str] = "stiffness_gradient"
     title: ClassVar[str] = "stiffness gradient"
     phrase: ClassVar[str] = "the DLO is stiffer towards the end or stiffer towards the start"
+    remedy: ClassVar[str] = (
+        "Nothing to mend, unless one end is worn or taped. Keep start and end the same way round."
+    )
     in_setup: ClassVar[bool] = True
     idealised: ClassVar[bool] = True
 

@@ -23,6 +23,8 @@ class SurfaceFriction(Effect):
     name: ClassVar[str] = "surface_friction"
     title: ClassVar[str] = "friction with the board"
     phrase: ClassVar[str] = "the DLO rubs on the board"
+    remedy: ClassVar[str] = "Keep the DLO off the board, or make the board smoother."
+    group: ClassVar[str] = "surroundings"
     smooth: ClassVar[bool] = False
 
     force: float = quantity(0.0, "N/m", 0.0, 100.0, "friction per length of DLO", tolerance=0.02)

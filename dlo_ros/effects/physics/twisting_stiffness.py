@@ -24,6 +24,7 @@ class TwistingStiffness(Effect):
     phrase: ClassVar[str] = (
         "the DLO's twisting stiffness is larger or smaller than that of a solid rod of its material"
     )
+    remedy: ClassVar[str] = "Nothing to mend: a stranded or braided cable is no solid rod."
     in_setup: ClassVar[bool] = True
 
     ratio: float = quantity(

@@ -28,6 +28,9 @@ class Viscoelasticity(Effect):
     name: ClassVar[str] = "viscoelasticity"
     title: ClassVar[str] = "creep"
     phrase: ClassVar[str] = "part of the DLO's stiffness gives way with time"
+    remedy: ClassVar[str] = (
+        "Nothing to mend: the material creeps. Let it rest for as long before each recording."
+    )
     batched: ClassVar[bool] = False
 
     share: float = quantity(

@@ -28,13 +28,19 @@ class StraightWall(Effect):
     name: ClassVar[str] = "wall"
     title: ClassVar[str] = "wall or table"
     phrase: ClassVar[str] = "the DLO touches a wall or lies on a table"
+    remedy: ClassVar[str] = (
+        "Move away what the DLO touches, or measure its place and enter that under effects.wall."
+    )
+    group: ClassVar[str] = "surroundings"
     differentiable: ClassVar[bool] = False
     batched: ClassVar[bool] = False
 
     offset: float = quantity(
         OUT_OF_REACH, "m", OUT_OF_REACH, 100.0, "of the wall along its normal", role="point"
     )
-    angle: float = quantity(0.0, "rad", -3.2, 3.2, "of its normal against z")
+    angle: float = quantity(
+        0.0, "rad", -3.2, 3.2, "of its normal against z: positive clockwise, as the camera sees it"
+    )
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""
