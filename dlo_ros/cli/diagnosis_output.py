@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from dlo_ros.cli.diagnosis_story import by_share, extends, story
+from dlo_ros.cli.diagnosis_story import QUESTION_REMEDY, by_share, extends, story
 from dlo_ros.cli.diagnosis_words import clear_side, rows
-from dlo_ros.cli.effect_words import mm, title
+from dlo_ros.cli.effect_words import RIGHT_HAND, mm, title
 from dlo_ros.cli.results import QUANTITIES, with_std
 from dlo_ros.diagnosis import Diagnosis, Fitted
 from dlo_ros.diagnosis.residuals.relations import sentences
@@ -23,19 +23,23 @@ from dlo_ros.files import write_text
 from dlo_ros.parameters import Settings
 from dlo_ros.report.diagnosis import write_diagnosis_report
 from dlo_ros.report.diagnosis_content import (
+    OFF_BY,
     DiagnosedRecording,
     DiagnosisReport,
     FoundEffect,
     FoundParameter,
     MaterialRow,
+    Question,
     RelatedInput,
     ResidualRelations,
     SearchStep,
     SetupRow,
+    grouped,
 )
 from dlo_ros.report.loads import LoadRow
 from dlo_ros.report.outlines import outlines
 
+SIGNED = "An angle with a sign follows the right-hand rule about its axis."
 EXTENDED = "extended.yaml"
 REPORT = "report.json"
 DESIGN = "design"
@@ -155,8 +159,15 @@ def summary(found: Diagnosis, length: float, output: Path) -> list[str]:
         lines += ["", answer.text]
         for sentence in answer.answer:
             lines += _wrapped(sentence, "  ")
+    if text.remedies:
+        lines += ["", QUESTION_REMEDY]
+        for sentence in text.remedies:
+            lines += _wrapped(sentence, "  ")
     if text.setup:
         lines += ["", "Your set-up, as far as the data determine it"]
+        if any(row.notable for row in text.setup):
+            signed = any(row.notable and row.positive == RIGHT_HAND for row in text.setup)
+            lines += _wrapped(f"{OFF_BY} {SIGNED if signed else ''}", "  ")
         lines += [f"  {row}" for row in _setup_table(text.setup)]
     lines += ["", "What to record next", *_wrapped(text.advice, "  ")]
     if any(e.rivals for e in found.effects):
@@ -188,17 +199,19 @@ def _setup_table(lines: Sequence[SetupRow]) -> list[str]:
     notable = [line for line in lines if line.notable]
     rest = len(lines) - len(notable)
     cells = [("what", "off by", "tolerance")] if notable else []
-    cells += [(line.name, line.off, line.tolerance) for line in notable]
+    for group, members in grouped(notable):
+        cells.append((f"{group}:", "", ""))
+        cells += [(f"  {line.name}", line.off, line.tolerance) for line in members]
     widths = [max(len(row[k]) for row in cells) for k in range(2)] if cells else []
-    table = [f"{a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in cells]
+    table = [f"{a:<{widths[0]}}  {b:<{widths[1]}}  {c}".rstrip() for a, b, c in cells]
     if rest:
         if rest == 1:
-            more = "The other number is" if notable else "The number is"
+            more = "The other number" if notable else "The number"
         elif notable:
-            more = f"{rest} other numbers are"
+            more = f"{rest} other numbers"
         else:
-            more = f"{'Both' if rest == 2 else f'All {rest}'} numbers are"
-        table.append(f"{more} not clearly off: report.html has them.")
+            more = f"{'Both' if rest == 2 else f'All {rest}'} numbers"
+        table.append(f"{more} may well be right: report.html has {'it' if rest == 1 else 'them'}.")
     return table
 
 
@@ -214,7 +227,7 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
     command = " ".join(separating(Path(), Path(DESIGN))) if rivals else ""
     return DiagnosisReport(
         text.headline,
-        text.answers,
+        (*text.answers, *([Question(QUESTION_REMEDY, text.remedies)] if text.remedies else [])),
         found.verdict,
         extends(found),
         tuple(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.cli.diagnosis_words import clear_side, is_sized, values
+from dlo_ros.cli.diagnosis_words import clear_side, is_sized, remedies, values
 from dlo_ros.cli.effect_words import clause, either, mm, title
 from dlo_ros.cli.error_places import how_wrong, immaterial, plain_error
 from dlo_ros.cli.set_up_table import is_far_off, labels_of, set_up_is_off, setup_lines
@@ -23,20 +23,22 @@ from dlo_ros.report.elements import measured, percent
 QUESTION_ERROR = "How wrong is my simulation?"
 QUESTION_CAUSE = "Why?"
 QUESTION_GAIN = "What do I gain?"
+QUESTION_REMEDY = "What can I do about it by hand?"
 AS_FITTED = "the set-up as fitted"
 RIVALS_NAMED = 2
 """Rivals that the headline names."""
 OTHERWISE = "with other numbers than those told here, "
 COUNTS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 OVERLAP = (
-    "A share is how much of the error comes back where that cause alone is left out and the rest "
-    "is fitted again. Causes can stand in for one another, so shares need not add up to 100 %."
+    "The share of each cause, in brackets, is how much of the error comes back where that cause "
+    "alone is left out and the rest is fitted again. Causes can stand in for one another, so "
+    "shares need not add up to 100 %."
 )
 HALF = 0.5
 """Sum of the causes' shares below which it is told what has the others."""
 BESIDE = (
-    "The rest of the error goes with a set-up that is off within its tolerances (see the table), "
-    "or with what these causes do for one another."
+    "The rest of the error goes with a set-up that is off {} its tolerances (see the table), or "
+    "with what the set-up and the causes do for one another."
 )
 UNSIZED = (
     "That it acts is certain; how strongly, these data do not determine: the numbers are those of "
@@ -59,12 +61,14 @@ class Story:
     Args:
         headline: the result in one sentence.
         answers: answers to the three questions.
+        remedies: what a person can do about each cause; empty: there is no cause.
         setup: numbers of the set-up, the most clearly wrong first.
         advice: the next recording to make.
     """
 
     headline: str
     answers: tuple[Question, ...]
+    remedies: tuple[str, ...]
     setup: tuple[SetupRow, ...]
     advice: str
 
@@ -83,6 +87,7 @@ def story(found: Diagnosis, length: float, file: str) -> Story:
             Question(QUESTION_CAUSE, _why(found)),
             Question(QUESTION_GAIN, _gain(found, file)),
         ),
+        remedies(by_share(found.effects)),
         setup_lines(found),
         found.advice,
     )
@@ -140,9 +145,9 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
     sentences = _causes(order, length, found.extended.scale_std)
     shares = [e.share for e in order if e.share is not None]
     if found.verdict == "explained" and shares and sum(shares) < HALF:
-        sentences.append(BESIDE)
+        sentences.append(BESIDE.format("beyond" if _far_off(found) else "within"))
     if len(shares) > 1:
-        sentences.append(OVERLAP)
+        sentences.insert(0, OVERLAP)
     if found.verdict == "adequate" and order and immaterial(found):
         sentences.insert(0, "Nothing that matters is wrong. What is certain all the same:")
     if found.verdict == "adequate":
@@ -307,6 +312,22 @@ def _worse(found: Diagnosis) -> bool:
     return found.gain is not None and found.gain.high < 0.0 and matters
 
 
+def _less_than_learned(found: Diagnosis) -> list[str]:
+    """Sentence on why held-out data may be predicted better than those learned from are fitted."""
+    more = [
+        f"{mm(fitted.err_train)} {when}"
+        for fitted, when in ((found.baseline, "before"), (found.extended, "after"))
+        if fitted.err_train is not None and fitted.err_holdout is not None
+        and mm(fitted.err_train) != mm(fitted.err_holdout) and fitted.err_holdout < fitted.err_train
+    ]  # fmt: skip
+    if not more:
+        return []
+    return [
+        f"On the data learned from it is more ({', '.join(more)}), since the DLO does not move as "
+        "much in all of them."
+    ]
+
+
 def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
     before, after = found.baseline.err_holdout, found.extended.err_holdout
     value, std = found.extended.specific_modulus
@@ -331,7 +352,7 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
             change += ", so the extended model predicts these data worse"
         else:
             change += ", so nothing is gained there"
-        sentences.append(f"On data that were not used: {change}.")
+        sentences += [f"On data that were not used: {change}.", *_less_than_learned(found)]
         if found.material_err is not None and after > found.material_err:
             digits = 2 if mm(after) != mm(found.material_err) else 4
             matters = f"the {mm(found.material_err, digits)} that do not matter"
@@ -339,7 +360,10 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
             sentences.append(f"{left} is still more than {matters}.")
             if found.verdict != "unexplained":
                 sentences.append("Fitted to these data as well, the model leaves less than that.")
-    what = "these causes, all that was fitted beside them" if found.effects else AS_FITTED
+    what = AS_FITTED
+    if found.effects:
+        several = len(found.effects) > 1
+        what = f"{'these causes' if several else 'this cause'}, all else that was fitted"
     if _worse(found):
         plain = rounded(found.baseline.specific_modulus[0])
         sentences.append(

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,9 +14,12 @@ from dlo_ros.cli.effect_words import (
     clause,
     component,
     interval,
+    positive,
     quantity_of,
     readable,
+    remedy,
     sided,
+    title,
 )
 from dlo_ros.diagnosis import NamedEffect, Number
 from dlo_ros.effects import Quantity, effects
@@ -26,6 +30,7 @@ SPATIAL = 3
 ENDS = ("start", "end")
 SIZES = ("size", "angle", "ratio")
 """Roles of the numbers that say how much there is of an effect."""
+LOOK = "Of causes that the data do not tell apart, look first which of them is there."
 CLEAR_STDS = 2.0
 """Standard deviations from neutral, below which a size may as well be none."""
 
@@ -80,6 +85,9 @@ def _is_faint(effect: str, key: str, n: Number) -> bool:
 def rows(effect: NamedEffect, length: float) -> list[tuple[str, str, str]]:
     """Name, value and meaning of each number of an effect; a vector has one for each component.
 
+    A value has the word of its side in the place of a sign, as in a sentence. The meaning says
+    which side is positive in the files.
+
     Args:
         length: length of the DLO [m].
     """
@@ -92,14 +100,27 @@ def rows(effect: NamedEffect, length: float) -> list[tuple[str, str, str]]:
         stds = n.std if isinstance(n.std, tuple) else (n.std,) * len(found)
         for k, (value, std) in enumerate(zip(found, stds, strict=True)):
             name = f"{key}, {component(q, k, len(found))}" if several else key
-            shown = _known(value, std, n.unit, q, length, sparing=False)
+            index = k if several else None
+            side = q.side(value, index, len(found)) if q else ""
+            signless = bool(q and side and not q.neutral)
+            shown = _known(abs(value) if signless else value, std, n.unit, q, length, sparing=False)
             if n.own:
                 shown = ", ".join(f"{bare(x, n.unit)} in {name}" for name, x in n.own.items())
-            side = q.side(value, k if several else None, len(found)) if q else ""
             if side and is_determined(value, std, q, length):
-                shown += f" ({side})"
-            table.append((name, shown, "" if k else meaning))
+                shown += f" {side}" if signless else f" ({side})"
+            above = positive(q, index, len(found))
+            words = [*([] if k else [meaning]), *([f"positive {above}"] if above else [])]
+            table.append((name, shown, "; ".join(filter(None, words))))
     return table
+
+
+def remedies(causes: Sequence[NamedEffect]) -> tuple[str, ...]:
+    """What a person can do by hand about causes and their rivals, a sentence or two for each."""
+    named = {e.name: title(e.name, clear_side(e)) for e in causes}
+    named |= {r: title(r) for e in causes for r in e.rivals if r not in named}
+    told = [f"{what}: {remedy(name)}" for name, what in named.items() if remedy(name)]
+    first = [LOOK] if told and len(named) > len(causes) else []
+    return (*first, *(f"{text[0].upper()}{text[1:]}" for text in told))
 
 
 def is_determined(value: float, std: float | None, q: Quantity | None, length: float) -> bool:
@@ -203,4 +224,15 @@ def _value(effect: str, key: str, n: Number, length: float, said: str) -> str:
     low, high = min(n.value), max(n.value)
     known = [s for s in stds if s is not None and math.isfinite(s)]
     each = f", each +- {number(float(np.median(known)), digits=1)}" if known else ""
-    return f"{words} from {number(low, digits=2)} to {number(high, digits=2)} {n.unit}{each}"
+    return f"{words} {_range(low, high, n.unit, q)}{each}"
+
+
+def _range(low: float, high: float, unit: str, q: Quantity | None) -> str:
+    """Two numbers, with the words for their sides in the place of signs where there are some."""
+    sides = [q.side(v) if q else "" for v in (low, high)]
+    if sides[0] != sides[1]:
+        ends = [f"{number(abs(v), unit, 2)} {s}" for v, s in zip((low, high), sides, strict=True)]
+        return f"from {' to '.join(ends)}"
+    if sides[0]:
+        low, high = sorted((abs(low), abs(high)))
+    return f"from {number(low, digits=2)} to {number(high, unit, 2)} {sides[0]}".rstrip()

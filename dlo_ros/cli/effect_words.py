@@ -12,6 +12,8 @@ from dlo_ros.report.elements import measured, millimetres, number
 
 AXES = {2: "xz", 3: "xyz"}
 """Names of the components of a vector, by their number, where its parameter has none."""
+RIGHT_HAND = "by the right-hand rule"
+"""Sign of a turn about an axis, for which there is no word."""
 ALONG = {0.0: "at the start", 0.5: "in the middle", 1.0: "at the end"}
 """Places along the DLO that have a word, by their share of the length from its start."""
 SMALL = 1.0
@@ -38,6 +40,28 @@ def clause(effect: str, side: str = "") -> str:
     if known is None:
         return f"there is an effect of {effect.replace('_', ' ')}"
     return known.report_phrase(side)
+
+
+def remedy(effect: str) -> str:
+    """Sentence on what a person can do by hand about an effect; empty: nothing is known."""
+    known = effects().get(effect)
+    return known.remedy if known else ""
+
+
+def positive(q: Quantity | None, index: int | None = None, count: int = 1) -> str:
+    """Words for what a positive number means in the files; empty: there are none.
+
+    Args:
+        q: the parameter; None: not known (any more).
+        index: index of the number in a parameter of several; None: it is the only one.
+        count: how many numbers the parameter has.
+    """
+    if q is None:
+        return ""
+    word = q.side(q.neutral + 1.0, index, count)
+    if word:
+        return f"above {q.neutral:g}: {word}" if q.neutral else word
+    return RIGHT_HAND if q.sides and q.unit == "rad" else ""
 
 
 def amount(value: float, std: float | None, unit: str, *, sparing: bool = True) -> str:

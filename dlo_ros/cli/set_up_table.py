@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections import Counter
 
-from dlo_ros.cli.effect_words import amount, bare, label, off_by
+from dlo_ros.cli.effect_words import amount, bare, label, off_by, positive
 from dlo_ros.diagnosis import Diagnosis, SetupNumber
-from dlo_ros.effects import quantities
+from dlo_ros.effects import effects, quantities
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.thresholds import BEYOND, CERTAIN
 from dlo_ros.report.diagnosis_content import SetupRow
@@ -95,6 +95,6 @@ def _row(name: str, text: str, n: SetupNumber, count: int, *, notable: bool) -> 
         off = off_by(n.value, std, effect, key, index, count)
         if n.std is None:
             off += IF_DENSITY
-    return SetupRow(
-        text, off, GUESSED if n.tolerance is None else bare(n.tolerance, n.unit), notable
-    )
+    tolerance = GUESSED if n.tolerance is None else bare(n.tolerance, n.unit)
+    above = positive(quantities(effect)[key], index, count)
+    return SetupRow(text, off, tolerance, notable, effects()[effect].group, above)

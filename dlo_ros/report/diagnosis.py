@@ -7,16 +7,20 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dlo_ros.report.diagnosis_content import (
+    OFF_BY,
     ROLES,
     DiagnosedRecording,
     DiagnosisReport,
     FoundEffect,
     RelatedInput,
     ResidualRelations,
+    SetupRow,
+    grouped,
 )
 from dlo_ros.report.elements import (
     command,
     figure,
+    grouped_table,
     markup,
     measured,
     millimetres,
@@ -42,6 +46,10 @@ PREDICTS = (
 MODELS = {"observed": "observed", "predicted": "extended model", "initial": "plain model"}
 """Names of the curves; one that is not extended is the plain model itself."""
 PLAIN_ONLY = {**MODELS, "predicted": "plain model"}
+POSITIVE = (
+    "The last column says which side is positive in report.json and extended.yaml, where numbers "
+    "have signs."
+)
 CERTAIN = (
     "A cause is certain where every model without it explains the data far worse. How strong it is "
     "may be undetermined all the same; then it says so. Where several causes explain the data "
@@ -280,23 +288,33 @@ def _material(report: DiagnosisReport) -> str:
 def _setup(report: DiagnosisReport) -> str:
     notable = [r for r in report.setup if r.notable]
     others = [r for r in report.setup if not r.notable]
-    headers = ["what", "off by", "tolerance"]
     parts = [
         paragraph(
             "Every set-up is a little off. These numbers were fitted beside the causes, each with "
             "a tolerance: what careful work achieves. Where there is none, the parameter file only "
             "guesses the number, or it belongs to something that need not act at all."
-        )
+        ),
+        paragraph(f"{OFF_BY} {POSITIVE}"),
     ]
     if notable:
-        parts.append(table(headers, [[r.name, r.off, r.tolerance] for r in notable]))
+        parts.append(_setup_table(notable))
     else:
         parts.append(paragraph("None of them is notably off."))
     if others:
-        rows = table(headers, [[r.name, r.off, r.tolerance] for r in others])
+        rows = _setup_table(others)
         words = f"{len(others)} numbers that may well be right (off by less than three std)"
         parts.append(f"<details><summary>{markup(words)}</summary>{rows}</details>")
     return "".join(parts)
+
+
+def _setup_table(rows: Sequence[SetupRow]) -> str:
+    """Numbers of the set-up, by the part that they belong to."""
+    headers = ["what", "off by", "tolerance", "positive in the files"]
+    groups = [
+        (group, [[r.name, r.off, r.tolerance, r.positive] for r in members])
+        for group, members in grouped(rows)
+    ]
+    return grouped_table(headers, groups)
 
 
 def _trace(report: DiagnosisReport) -> str:

@@ -3,12 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from dlo_ros.report.loads import LoadRow
 from dlo_ros.spline import FloatArray
 
+GROUPS = ("camera", "clamps", "DLO", "surroundings", "time")
+"""Parts of a set-up, in the order in which tables have them."""
+OFF_BY = (
+    "Off by: how the real set-up differs from the parameter file and the commands, as the camera "
+    "sees it."
+)
 ROLES = {
     "train": "used for the fit",
     "holdout": "held out, at least in part, for the numbers above; drawn are the final models",
@@ -126,12 +132,23 @@ class SetupRow:
         off: deviation from the stated value, with its standard deviation.
         tolerance: tolerance within which careful people set it up.
         notable: whether it is off by more than the data leave open.
+        group: the part of the set-up that it belongs to, such as clamps or camera.
+        positive: what a positive number means in the files, in words; empty: it needs none.
     """
 
     name: str
     off: str
     tolerance: str
     notable: bool
+    group: str
+    positive: str = ""
+
+
+def grouped(rows: Sequence[SetupRow]) -> list[tuple[str, list[SetupRow]]]:
+    """Rows by their group, in the order of `GROUPS`; within a group they keep their order."""
+    order = [*GROUPS, *sorted({r.group for r in rows} - set(GROUPS))]
+    groups = [(group, [r for r in rows if r.group == group]) for group in order]
+    return [(group, members) for group, members in groups if members]
 
 
 @dataclass(frozen=True)

@@ -56,18 +56,41 @@ def table(headers: Sequence[str], rows: Sequence[Sequence[str]], wrapped: int = 
         rows: cells of each row.
         wrapped: column of sentences, which may take several lines; 0: there is none.
     """
-    head = "".join(f'<th scope="col">{markup(h)}</th>' for h in headers)
+    return _table(headers, f"<tbody>{_rows(rows, wrapped)}</tbody>")
+
+
+def grouped_table(
+    headers: Sequence[str], groups: Sequence[tuple[str, Sequence[Sequence[str]]]]
+) -> str:
+    """A table of plain text whose rows stand in groups, each below its title.
+
+    Args:
+        headers: heads of the columns.
+        groups: title and rows of each group; the first cell names the row.
+    """
     body = []
+    for title, rows in groups:
+        head = f'<tr><th scope="rowgroup" colspan="{len(headers)}">{markup(title)}</th></tr>'
+        body.append(f"<tbody>{head}{_rows(rows)}</tbody>")
+    return _table(headers, "".join(body))
+
+
+def _table(headers: Sequence[str], body: str) -> str:
+    """A table with heads of its columns."""
+    head = "".join(f'<th scope="col">{markup(h)}</th>' for h in headers)
+    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead>{body}</table></div>'
+
+
+def _rows(rows: Sequence[Sequence[str]], wrapped: int = 0) -> str:
+    """Rows of a table, see `table`."""
+    lines = []
     for first, *others in rows:
         cells = "".join(
             f"<td{WRAPPED if k == wrapped else ''}>{markup(cell)}</td>"
             for k, cell in enumerate(others, 1)
         )
-        body.append(f'<tr><th scope="row">{markup(first)}</th>{cells}</tr>')
-    return (
-        f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
-        f"<tbody>{''.join(body)}</tbody></table></div>"
-    )
+        lines.append(f'<tr><th scope="row">{markup(first)}</th>{cells}</tr>')
+    return "".join(lines)
 
 
 def number(value: float | None, unit: str = "", digits: int = 3) -> str:

@@ -1,14 +1,22 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Effects and their numbers in words: units of a person, sides instead of signs."""
 
+import re
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
-from diagnoses import KNOWN
+from diagnoses import KNOWN, MASS, case
 
-from dlo_ros.cli.diagnosis_words import rows, values
+from dlo_ros.cli.diagnosis_output import report, summary
+from dlo_ros.cli.diagnosis_words import remedies, rows, values
 from dlo_ros.cli.effect_words import amount, clause, label, off_by, title
 from dlo_ros.diagnosis import NamedEffect, Number
 from dlo_ros.effects import effects
+from dlo_ros.parameter_table import PARAMETERS
+from dlo_ros.report.diagnosis import diagnosis_page
+from dlo_ros.report.diagnosis_content import GROUPS
 from dlo_ros.report.elements import measured, percent
 
 DEGREE = np.pi / 180.0
@@ -20,6 +28,13 @@ def test_every_effect_says_what_it_is():
         assert title(name) and clause(name)
         if effect.__module__.startswith("dlo_ros"):
             assert effect.title and effect.phrase, name
+            assert effect.group in GROUPS, name
+            # What a person can do about it: short, and whole sentences.
+            assert 0 < len(effect.remedy) < 110 and effect.remedy.endswith("."), name
+            assert effect.remedy[0].isupper(), name
+            mentioned = re.findall(r"(?:effects|rod|command|damping)\.\w+", effect.remedy)
+            known = {p.name for p in PARAMETERS} | {f"effects.{n}" for n in effects()}
+            assert set(mentioned) <= known, name
             assert clause(name)[0].islower() and not clause(name).endswith(".")
     assert title("not_known") == "not known" and "not known" in clause("not_known")
 
@@ -58,11 +73,33 @@ def test_numbers_are_those_of_a_person(told, words):
     assert told == words
 
 
+def test_it_is_told_what_a_person_can_do_about_each_cause():
+    turned = NamedEffect("clamp_angle", {"end": Number(-0.1, 0.01, "rad")}, ("point_mass", "wall"))
+    assert remedies([MASS]) == (f"Mass on the DLO: {effects()['point_mass'].remedy}",)
+    assert remedies([]) == remedies([replace(MASS, name="not_known")]) == ()
+    first, *others = remedies([MASS, turned])
+    assert first.startswith("Of causes that the data do not tell apart, look first which")
+    assert [text.partition(":")[0] for text in others] == [
+        "Mass on the DLO", "Direction of a clamp", "Wall or table"
+    ]  # fmt: skip
+    made = case(causes=[turned])
+    text = "\n".join(summary(made, LENGTH, Path("build/diagnosis")))
+    assert "by hand?\n  Of causes that" in text and "Turn the clamp back by as much" in text
+    assert "Turn the clamp back by as much" in diagnosis_page(report(made, KNOWN))
+    assert "by hand?" not in diagnosis_page(report(case(causes=()), KNOWN))
+
+
 def test_several_values_are_told_in_one_phrase():
     curved = NamedEffect(
         "intrinsic_curvature", {"curvature": Number((-0.5, 2.1), (0.2, 0.2), "1/m")}, ()
     )
-    assert values(curved, LENGTH) == "curvature from -0.50 to 2.1 1/m, each +- 0.2"
+    assert values(curved, LENGTH) == (
+        "curvature from 0.50 1/m counterclockwise to 2.1 1/m clockwise, each +- 0.2"
+    )
+    one_way = replace(curved, parameters={"curvature": Number((-0.5, -2.1), (0.2, 0.2), "1/m")})
+    assert values(one_way, LENGTH) == "curvature from 0.50 to 2.1 1/m counterclockwise, each +- 0.2"
+    across = replace(one_way, parameters={"across": one_way.parameters["curvature"]})
+    assert values(across, LENGTH) == "across from -2.1 to -0.50 1/m, each +- 0.2"
     graded = NamedEffect("stiffness_gradient", {"change": Number(0.866, 0.006, "")}, ())
     assert values(graded, LENGTH) == "by 86.6 +- 0.6 %"
     numbers = {"hardening": Number(0.23, 0.01, "")}
