@@ -46,8 +46,9 @@ MANIPULATIONS = {
     "clamped": lambda: held(["start", "end"]),
     "pinned": lambda: held(["control_point_1", "control_point_10"]),
 }
-ACTING = {"free": (0.01, 0.01), "clamped": (0.05, 0.0), "pinned": (0.05, 0.0)}
-"""Loads x, z over the weight: along a DLO that hangs between two ends, more weight does little."""
+ACTING = {"free": (0.01, 0.01), "clamped": (0.2, 0.0), "pinned": (0.05, 0.0)}
+"""Loads x, z over the weight: along a DLO that hangs between two ends, more weight does little, and
+clamps within their tolerances do what a smaller load does between them."""
 
 
 def seen_with(manipulation, effects, settings=SETTINGS, noise=NOISE):
@@ -99,10 +100,30 @@ def test_a_dlo_that_is_longer_asks_for_no_load(name):
     assert np.median(np.abs(found.force)) < 0.02 * WEIGHT
 
 
+@pytest.mark.parametrize(
+    ("name", "effects"),
+    [
+        ("free", {"clamp_angle": {"start": 0.03}}),
+        ("clamped", {"clamp_angle": {"end": 0.03}}),
+        ("clamped", {"clamp_offset": {"end": (0.001, 0.002)}}),
+        ("pinned", {"clamp_offset": {"end": (0.001, 0.002)}}),
+    ],
+)
+def test_an_end_that_is_held_a_little_elsewhere_asks_for_no_load(name, effects):
+    """It bends the DLO beside it as only a load of many times the weight could."""
+    recording, predicted = seen_with(MANIPULATIONS[name](), effects)
+    off = np.linalg.norm(recording.observed[:, :, :3] - predicted[:, :, :3], axis=2).mean()
+    assert off > 10.0 * NOISE
+    found = missing_force(recording, predicted, SETTINGS, np.linspace(0.0, 1.0, 11) * LENGTH)
+    assert np.abs(found.force).max() < 0.05 * WEIGHT
+    assert np.mean(np.abs(found.force) > 2.0 * found.std) < 0.05
+
+
 @pytest.mark.parametrize("share", [0.4, 0.7])
 def test_a_weight_is_found_where_it_hangs(share):
     stiff = SETTINGS.with_material(20.0 * SETTINGS.rod.young_modulus, SETTINGS.rod.density)
-    mass, place = 0.02 * stiff.rod.linear_density * LENGTH, share * LENGTH
+    # Heavier than what a clamp within its tolerances does.
+    mass, place = 0.1 * stiff.rod.linear_density * LENGTH, share * LENGTH
     weighted = {"point_mass": {"mass": mass, "position": place}}
     rest = at_rest(stiff, frames=12, noise=1e-6, same=False)
     recording, predicted = seen_with(rest, weighted, stiff, noise=3e-6)

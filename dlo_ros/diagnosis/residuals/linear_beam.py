@@ -162,6 +162,30 @@ class Beam:
         _, weight, (_, slopes, _) = self._rule
         return np.asarray(self._stretch * weight @ _projected(slopes, self._tangent(shape)))
 
+    def displaced_ends(self, shape: FloatArray, offset: float, angle: float) -> FloatArray:
+        """Displacements of control points that are held, where an end is held elsewhere.
+
+        Args:
+            shape: control points of the beam [m], shape (N, d).
+            offset: displacement of a held end along each axis [m].
+            angle: turn of an end whose direction is held, about each axis [rad].
+
+        Returns:
+            [m], a column for each displacement and turn, shape (d N, H), coordinates interleaved.
+        """
+        ways = shape.shape[1]
+        columns = []
+        for first, second in ((0, 1), (-1, -2)):
+            arm = shape[second] - shape[first]
+            for move in offset * np.eye(ways):
+                columns.append(np.zeros(shape.shape))
+                columns[-1][[first, second]] = move
+            for turn in [arm[::-1] * (1.0, -1.0)] if ways < 3 else np.cross(np.eye(3), arm):
+                columns.append(np.zeros(shape.shape))
+                columns[-1][second] = angle * turn
+        held = np.stack([c * self._fixed for c in columns], axis=-1).reshape(shape.size, -1)
+        return np.asarray(held[:, held.any(axis=0)])
+
     @property
     def _stretch(self) -> float:
         """Stretching stiffness [N]."""

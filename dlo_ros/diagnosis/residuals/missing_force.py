@@ -8,10 +8,15 @@ of the measurement, so that it has an uncertainty.
 A rod that is a little longer than stated, or that a camera shows a little larger, is no load: where
 both ends are held only a huge pressure could stretch it to that. So there it may be longer, as far
 as a set-up is off. One that hangs free shows that along itself, which is not counted.
+
+No clamp is exactly where and as the command says, either. Only a large load beside it could bend
+the rod as a clamp does that is turned by a degree. So held ends may be displaced and turned, as far
+as a set-up is off, and next to them the load is as uncertain as that makes it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -31,6 +36,9 @@ SIZES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 STRAIN = 0.007
 """Standard deviation of the strain by which a DLO seems longer: half a per cent each of its length
 and of the camera's scale, the tolerances of both."""
+CLAMP_OFFSET, CLAMP_ANGLE = 0.005, math.radians(3.0)
+"""Standard deviations of the place, of the length, and of the direction [rad] in which an end is
+held: the tolerances of a clamp."""
 TYPICAL = 200
 """Frames by which that is judged."""
 WINDOW = 7
@@ -72,15 +80,18 @@ def missing_force(
     # A load that varies much along the DLO is less likely than an even one.
     decay = np.repeat(1.0 / (1.0 + np.arange(MODES)) ** 2, ways)
     some = systems[:: -(-len(systems) // TYPICAL)]
-    priors = (np.append(decay * scale**2, 1.0) for scale in SIZES)  # strain is in units of its own
+    loads = len(decay)
+    # Strain and displaced ends are in units of their own.
+    others = np.ones(systems[0][0].shape[1] - loads)
+    priors = (np.concatenate([decay * scale**2, others]) for scale in SIZES)
     prior = max(priors, key=lambda v: _evidence(some, v))
     shown = _loads(u, rod.length)
     force, std = np.zeros((2, len(systems), len(u), 3))
     for f, (j, target) in enumerate(systems):
         posterior = np.linalg.inv(j.T @ j + np.diag(1.0 / prior))
-        amplitude = (posterior @ (j.T @ target))[:-1]
+        amplitude = (posterior @ (j.T @ target))[:loads]
         force[f][:, axes] = size * (shown @ amplitude.reshape(MODES, ways))
-        spread = posterior[:-1, :-1].reshape(MODES, ways, MODES, ways)
+        spread = posterior[:loads, :loads].reshape(MODES, ways, MODES, ways)
         std[f][:, axes] = size * np.sqrt(np.einsum("ui,icjc,uj->uc", shown, spread, shown))
     return MissingForce(force, std)
 
@@ -88,11 +99,11 @@ def missing_force(
 def _systems(
     recording: Recording, predicted: FloatArray, beam: Beam, size: float
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Whitened linear systems: response to loads of a size [N/m] and to an even strain, in units of
-    `STRAIN`, and the measured displacement.
+    """Whitened linear systems: response to loads of a size [N/m], to an even strain and to ends
+    that are held elsewhere, in units of their standard deviations, and the measured displacement.
 
     Returns:
-        For each frame shapes (K, M + 1) and (K,).
+        For each frame shapes (K, M + 1 + H) and (K,).
     """
     frames, n = predicted.shape[:2]
     axes, count = beam.axes, n * len(beam.axes)
@@ -108,15 +119,18 @@ def _systems(
     result = []
     for f in range(frames):
         stiff, lost = beam.stiffness(fine[f], own[f])
-        causes = np.column_stack([load, strain * beam.lengthening(fine[f])])
+        ends = beam.displaced_ends(fine[f], CLAMP_OFFSET * beam.seen.length, CLAMP_ANGLE)
+        causes = np.column_stack([load, strain * beam.lengthening(fine[f]), -stiff @ ends])
         forces = np.column_stack([causes, lost @ lift, beam.inertia @ lift])
         moved = np.linalg.solve(stiff[np.ix_(free, free)], forces[free])
         measured = recording.across[len(recording.times) - frames + f][:, :, axes]
         measured = measured.reshape(-1, count) / recording.noise[:, None]
         # What moves along the DLO follows from what moves across, but not linearly.
         across = np.delete(measured, np.s_[n : 2 * n], axis=0)
-        responses = (across @ beam.projection)[:, free] @ moved
+        seen = across @ beam.projection
+        responses = seen[:, free] @ moved
         acting = causes.shape[1]
+        responses[:, acting - ends.shape[1] : acting] += seen @ ends
         response, *later = np.split(responses, [acting, acting + count], axis=1)
         parts = [across, *later]
         place = f if f < WINDOW // 2 else max(WINDOW // 2, WINDOW - frames + f)
