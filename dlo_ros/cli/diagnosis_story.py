@@ -323,8 +323,8 @@ def _less_than_learned(found: Diagnosis) -> list[str]:
     if not more:
         return []
     return [
-        f"On the data learned from it is more ({', '.join(more)}), since the DLO does not move as "
-        "much in all of them."
+        f"On the data learned from it is larger ({', '.join(more)}): data differ in how much the "
+        "DLO moves in them."
     ]
 
 
@@ -352,7 +352,7 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
             change += ", so the extended model predicts these data worse"
         else:
             change += ", so nothing is gained there"
-        sentences += [f"On data that were not used: {change}.", *_less_than_learned(found)]
+        sentences.append(f"On data that were not used: {change}.")
         if found.material_err is not None and after > found.material_err:
             digits = 2 if mm(after) != mm(found.material_err) else 4
             matters = f"the {mm(found.material_err, digits)} that do not matter"
@@ -360,6 +360,7 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
             sentences.append(f"{left} is still more than {matters}.")
             if found.verdict != "unexplained":
                 sentences.append("Fitted to these data as well, the model leaves less than that.")
+        sentences += _less_than_learned(found)
     what = AS_FITTED
     if found.effects:
         several = len(found.effects) > 1

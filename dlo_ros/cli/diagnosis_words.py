@@ -109,7 +109,8 @@ def rows(effect: NamedEffect, length: float) -> list[tuple[str, str, str]]:
             if side and is_determined(value, std, q, length):
                 shown += f" {side}" if signless else f" ({side})"
             above = positive(q, index, len(found))
-            words = [*([] if k else [meaning]), *([f"positive {above}"] if above else [])]
+            sign = f"positive: {above}" if above and q and not q.neutral else above
+            words = ("" if k else meaning, sign)
             table.append((name, shown, "; ".join(filter(None, words))))
     return table
 

@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from dlo_ros.report.diagnosis_content import (
     OFF_BY,
     ROLES,
@@ -46,6 +48,8 @@ PREDICTS = (
 MODELS = {"observed": "observed", "predicted": "extended model", "initial": "plain model"}
 """Names of the curves; one that is not extended is the plain model itself."""
 PLAIN_ONLY = {**MODELS, "predicted": "plain model"}
+LOW = 0.05
+"""Share of the highest value of a plot below which a curve is hard to see."""
 POSITIVE = (
     "The last column says which side is positive in report.json and extended.yaml, where numbers "
     "have signs."
@@ -151,7 +155,7 @@ def _picture(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> str:
         ShapeFrame(
             float(r.times[f]), r.observed[f], r.after[f],
             r.before[f] if report.extends else None, float(r.err_after[f]),
-            arrows=drawn.sure[f] if drawn else None, faint=drawn.faint[f] if drawn else None,
+            arrows=drawn[f] if drawn else None,
             err_initial=float(r.err_before[f]) if report.extends else None,
         )
         for f in range(len(r.times))
@@ -180,13 +184,16 @@ def _over_time(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[s
     levels: tuple[ReferenceLine, ...] = ()
     if report.noise_floor is not None:
         levels = (ReferenceLine("the measurement itself", "true", 1e3 * report.noise_floor),)
-    plot = LinePlot(f"err{k}", "time [s]", "ERR [mm]", series, levels)
+    # An ERR far below the other one would lie on the axis.
+    low = report.extends and bool(np.median(r.err_after) < LOW * r.err_before.max())
+    plot = LinePlot(f"err{k}", "time [s]", "ERR [mm]", series, levels, low)
     titles = ["plain model", "extended model"][: 2 if report.extends else 1]
     fields = [1e3 * f for f in (r.field_before, r.field_after)][: len(titles)]
     return [
         figure(
             line_plot(plot),
-            "ERR: mean distance between the two shapes over time. A single picture far above its "
+            "ERR: mean distance between the observed and the simulated shape over time"
+            f"{', on a logarithmic scale' if low else ''}. A single picture far above its "
             "neighbours was probably measured wrongly.",
         ),
         figure(
@@ -234,7 +241,7 @@ def _series(
     """Curves of both models as their shapes are drawn."""
     if not report.extends:
         return (Series("plain model", "predicted", x, before, line="--"),)
-    plain = Series("plain model", "other", x, before, line=":")
+    plain = Series("plain model", "other", x, before, wide=True)
     return plain, Series("extended model", "predicted", x, after, line="--")
 
 

@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from dlo_ros.report.elements import figure, number
+from dlo_ros.report.elements import figure, number, paragraph
 from dlo_ros.report.maps import field_maps
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -17,18 +15,18 @@ STATIONS = 16
 """Along the DLO, at which arrows are drawn."""
 LONGEST = 0.2
 """Length of the longest arrow, of the DLO's."""
+HELD = (
+    "A held end may be a little elsewhere, within the tolerances of a set-up, and do the same as a "
+    "load beside it: there only a load that does more is sure."
+)
 FORCE_CAPTION = (
     " Arrows: the missing force, the load per length across the DLO that would bring the plain "
-    "model onto the measurement; faint where it is less than two standard deviations."
+    f"model onto the measurement, where it is more than two standard deviations. {HELD}"
 )
-
-
-@dataclass(frozen=True)
-class Arrows:
-    """Arrows of each frame, from and to [m], shape (m, 2, 3)."""
-
-    sure: tuple[FloatArray, ...]
-    faint: tuple[FloatArray, ...]
+NOT_SURE = (
+    "No missing force, a load that would bring the plain model onto the measurement, is sure here: "
+    f"nowhere it is more than two standard deviations. {HELD}"
+)
 
 
 def across(
@@ -69,6 +67,8 @@ def force_maps(
     axes = [k for k in range(3) if np.any(std[..., k] > 0.0)]
     if not axes:
         return ""
+    if np.all(np.isnan(shown[..., axes])):
+        return paragraph(NOT_SURE)
     titles = ["to the right", "away from the camera", "upwards"]
     inner = std[:, len(u) // 4 : -(len(u) // 4)][..., axes]
     return figure(
@@ -79,14 +79,14 @@ def force_maps(
         "The load per length across the DLO that would bring the plain model onto the measurement "
         "(a linear beam about the predicted shape). White where it is less than two standard "
         f"deviations, each {number(float(np.median(inner)), digits=2)} N/m in the DLO's middle. "
-        "Beside a clamp it mostly stands for the clamp's direction or place.",
+        f"{HELD}",
     )  # fmt: skip
 
 
 def force_arrows(
     observed: FloatArray, length: float, u: FloatArray, force: FloatArray | None,
     std: FloatArray | None,
-) -> tuple[Arrows | None, str]:  # fmt: skip
+) -> tuple[list[FloatArray], str]:  # fmt: skip
     """The missing force along the observed shapes.
 
     Args:
@@ -95,10 +95,11 @@ def force_arrows(
         u, force, std: see `force_maps`.
 
     Returns:
-        Arrows and their legend; None where nothing is sure of the force.
+        Begin and end of the arrows of each frame [m], shape (m, 2, 3), where the force is sure, and
+            their legend; none where it is sure nowhere.
     """
     if force is None or std is None:
-        return None, ""
+        return [], ""
     at = np.linspace(0, len(u) - 1, min(STATIONS, len(u))).round().astype(int)
     size = np.linalg.norm(force[:, at], axis=2)
     direction = force[:, at] / np.maximum(size, 1e-300)[..., None]
@@ -106,14 +107,10 @@ def force_arrows(
     spread = np.sqrt(np.sum((direction * std[:, at]) ** 2, axis=2))
     sure = size > CLEAR_STDS * spread
     if not sure.any():
-        return None, ""
+        return [], ""
     most = float(size[sure].max())
     scale = LONGEST * length / most
     points = SplineBasis(observed.shape[1], length).matrix(u[at]) @ observed[:, :, :3]
-    # A force that nobody knows may be computed as large as one likes.
-    shown = direction * (scale * np.minimum(size, most))[..., None]
-    ends = np.stack([points, points + shown], axis=2)
-    return Arrows(
-        tuple(e[s] for e, s in zip(ends, sure, strict=True)),
-        tuple(e[~s] for e, s in zip(ends, sure, strict=True)),
-    ), f"missing force, the longest {number(most, 'N/m', digits=2)}"
+    ends = np.stack([points, points + scale * force[:, at]], axis=2)
+    legend = f"missing force, the longest {number(most, 'N/m', digits=2)}"
+    return [e[s] for e, s in zip(ends, sure, strict=True)], legend

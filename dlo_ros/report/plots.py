@@ -6,7 +6,7 @@ from __future__ import annotations
 import io
 import re
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import rc_context
@@ -55,6 +55,7 @@ class Series:
         x, y: shape (m,); NaN leaves a gap.
         lower, upper: edges of a band around it, shape (m,).
         line: solid, dashed or dotted, so that curves can be distinguished without colours.
+        wide: whether it is wide and pale, so that it is seen beneath a curve that covers it.
     """
 
     label: str
@@ -64,6 +65,7 @@ class Series:
     lower: FloatArray | None = None
     upper: FloatArray | None = None
     line: Literal["-", "--", ":"] = "-"
+    wide: bool = False
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,15 @@ class LinePlot:
     size: tuple[float, float] = field(default=(6.4, 2.7))
 
 
+class PlainLogFormatter(LogFormatterSciNotation):
+    """Numbers at a logarithmic axis: powers of ten only where 0.5 or 200 would be hard to read."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Label of a value; empty: it has none."""
+        text = str(super().__call__(x, pos))
+        return f"{x:g}" if text and 1e-3 <= x < 1e5 else text
+
+
 def line_plot(plot: LinePlot) -> str:
     """The figure as an SVG element without any reference to the outside."""
     with rc_context(STYLE):
@@ -103,7 +114,8 @@ def line_plot(plot: LinePlot) -> str:
         axes = figure.add_subplot()
         for series in plot.series:
             colour = COLOURS[series.colour]
-            axes.plot(series.x, series.y, series.line, color=colour, label=series.label)
+            look: dict[str, Any] = {"linewidth": 4.5, "alpha": 0.5} if series.wide else {}
+            axes.plot(series.x, series.y, series.line, color=colour, label=series.label, **look)
             if series.lower is not None and series.upper is not None:
                 axes.fill_between(
                     series.x, series.lower, series.upper, color=colour, alpha=0.2, linewidth=0
@@ -112,7 +124,8 @@ def line_plot(plot: LinePlot) -> str:
             axes.axhline(level.y, color=COLOURS[level.colour], linestyle="-.", label=level.label)
         if plot.logarithmic:
             axes.set_yscale("log")
-            axes.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(1.2, 0.4)))
+            axes.yaxis.set_major_formatter(PlainLogFormatter())
+            axes.yaxis.set_minor_formatter(PlainLogFormatter(minor_thresholds=(1.2, 0.4)))
         else:
             axes.yaxis.set_major_locator(MaxNLocator(nbins=5))
         limits = _limits(plot)
@@ -123,7 +136,11 @@ def line_plot(plot: LinePlot) -> str:
         axes.set_xlabel(typeset(plot.x_label))
         axes.set_ylabel(typeset(plot.y_label))
         if len(plot.series) + len(plot.levels) > 1:
-            axes.legend(loc="best", fontsize=9)
+            # Above the axes it covers no curve.
+            axes.legend(
+                loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize=9, borderaxespad=0.0,
+                ncols=len(plot.series) + len(plot.levels),
+            )  # fmt: skip
         buffer = io.StringIO()
         figure.savefig(buffer, format="svg", transparent=True)
     return _embed(buffer.getvalue(), plot)

@@ -29,7 +29,6 @@ CURVES = {"observed": "observed", "predicted": "predicted", "initial": "predicte
 """Names of the curves in the legend, where the caller gives no others."""
 NARROWEST, WIDEST = 4.0 / 3.0, 3.0
 """Width over height of a view in the plane: labels stand beside a slender shape, not on it."""
-ARROWS = ("faint", "arrows")
 FLIP = np.array([1.0, -1.0])
 """Up in the world is down in SVG."""
 RAY = 0.6
@@ -68,7 +67,6 @@ class ShapeFrame:
         err_initial: the same of `initial`.
         photograph: the picture behind; None shows the grid alone.
         arrows: begin and end of each arrow [m], shape (m, 2, 3), drawn on the grid.
-        faint: uncertain arrows in the same form.
     """
 
     time: float
@@ -78,7 +76,6 @@ class ShapeFrame:
     err: float | None = None
     photograph: Photograph | None = None
     arrows: FloatArray | None = None
-    faint: FloatArray | None = None
     err_initial: float | None = None
 
 
@@ -276,8 +273,7 @@ def _frame(
 
 def _arrows(frame: ShapeFrame) -> dict[str, FloatArray]:
     """Both ends of each arrow of a frame [mm], shape (2 m, 3)."""
-    ends: dict[str, FloatArray | None] = {name: getattr(frame, name) for name in ARROWS}
-    return {name: 1e3 * e.reshape(-1, 3) for name, e in ends.items() if e is not None}
+    return {} if frame.arrows is None else {"arrows": 1e3 * frame.arrows.reshape(-1, 3)}
 
 
 def _flat(points: FloatArray) -> list[float]:

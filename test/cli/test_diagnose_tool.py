@@ -13,7 +13,7 @@ from tool_runs import run, write_bag
 
 from dlo_ros.cli.diagnosis_output import tree, write_results
 from dlo_ros.parameters import Settings
-from dlo_ros.report.force import force_arrows
+from dlo_ros.report.force import force_arrows, force_maps
 from dlo_ros.report.loads import LoadRow
 
 pytestmark = pytest.mark.long
@@ -67,8 +67,8 @@ def test_arrows_stand_on_the_rope_where_the_force_is_sure():
     )
     size = np.linalg.norm(view.force, axis=2)
     longest = 0.0
-    for sure, faint in zip(arrows.sure, arrows.faint, strict=True):
-        assert len(sure) + len(faint) == 16
+    assert len(arrows) == len(view.times) and len(arrows[-1]) == 16
+    for sure in arrows:
         assert np.abs(sure[:, 0, 2]).max(initial=0.0) < 1e-12  # the rope lies along x
         along = sure[:, 1] - sure[:, 0]
         assert np.allclose(along[:, 0], -along[:, 2])  # as the force does
@@ -76,7 +76,10 @@ def test_arrows_stand_on_the_rope_where_the_force_is_sure():
     assert longest == pytest.approx(0.2 * KNOWN.rod.length)
     assert f"{size.max():.2g}"[:3] in legend
     unsure = force_arrows(view.observed, KNOWN.rod.length, view.u, view.force, 9.0 + 0 * view.force)
-    assert unsure == (None, "")
+    assert unsure == ([], "")
+    nothing = force_maps(view.times, view.u, view.force, 9.0 + 0 * view.force)
+    assert nothing.startswith("<p>No missing force") and "<img" not in nothing
+    assert "<img" in force_maps(view.times, view.u, view.force, view.force_std)
 
 
 def test_diagnose_says_that_a_plain_rope_is_adequate(folder, tmp_path, capsys):

@@ -197,12 +197,12 @@ def test_a_rival_that_is_a_cause_itself_would_have_other_numbers():
 
 def test_less_on_held_out_data_than_on_those_learned_from_has_its_reason():
     made = case()  # as much on both
-    reason = "since the DLO does not move as much in all of them"
+    reason = "data differ in how much the DLO moves"
     assert reason not in answers(made)[2]
     larger = replace(made, baseline=replace(made.baseline, err_train=4.2e-3))
-    assert f"On the data learned from it is more (4.2 mm before), {reason}." in answers(larger)[2]
+    assert f"On the data learned from it is larger (4.2 mm before): {reason}" in answers(larger)[2]
     both = replace(larger, extended=replace(made.extended, err_train=0.9e-3))
-    assert f"(4.2 mm before, 0.90 mm after), {reason}." in answers(both)[2]
+    assert f"(4.2 mm before, 0.90 mm after): {reason}" in answers(both)[2]
     smaller = replace(made, baseline=replace(made.baseline, err_train=1e-3))
     assert reason not in answers(smaller)[2]
 
@@ -319,7 +319,7 @@ def test_a_cause_says_its_side_in_words(effect, key, value, std, unit, sentence)
     side = q.side(value)
     # As in the sentence the word stands for the sign, and the table says which side is positive.
     assert side and shown.endswith(f" ({side})" if q.neutral else f" {side}") and shown[0] != "-"
-    assert meaning.endswith(f"positive {'above 1: ' if q.neutral else ''}{q.side(q.neutral + 1.0)}")
+    assert meaning.endswith(f"{'above 1' if q.neutral else 'positive'}: {q.side(q.neutral + 1.0)}")
 
 
 def test_what_was_fitted_beside_the_set_up_is_told_with_it():

@@ -23,7 +23,14 @@ from dlo_ros.report import (
     ShapeFrame,
     write_identification_report,
 )
-from dlo_ros.report.elements import measured, millimetres, number, table, typeset
+from dlo_ros.report.elements import (
+    grouped_table,
+    measured,
+    millimetres,
+    number,
+    table,
+    typeset,
+)  # fmt: skip
 from dlo_ros.report.force import across
 from dlo_ros.report.identification import identification_page
 from dlo_ros.report.outlines import outlines
@@ -246,6 +253,22 @@ def test_plot_follows_the_page_colours():
         assert text in svg
 
 
+def test_a_curve_that_another_one_covers_is_seen_beneath_it():
+    x = np.arange(3.0)
+    pale = Series("before", "other", x, x + 1.0, wide=True)
+    svg = line_plot(LinePlot("p", "t", "v", (pale, Series("after", "predicted", x, x + 1.0))))
+    assert re.search(r"stroke: var\(--other\); stroke-opacity: 0.5; stroke-width: 4.5", svg)
+    assert svg.index("var(--other)") < svg.index("var(--predicted)")
+
+
+def test_a_logarithmic_axis_has_numbers_that_people_read():
+    x = np.arange(1.0, 4.0)
+    for scale, power in ((1.0, False), (1e6, True)):
+        curve = Series("a", "observed", x, scale * 10.0**x)
+        svg = line_plot(LinePlot("p", "t", "v", (curve,), logarithmic=True))
+        assert (">100<" in svg) != power and ("<tspan" in svg) == power
+
+
 def test_plot_limits_ignore_a_band_without_bounds():
     x = np.arange(1.0, 4.0)
     wide = Series("a", "observed", x, x, lower=x * 1e-20, upper=x * 1e20)
@@ -319,6 +342,13 @@ def test_the_force_across_leaves_out_what_is_along():
     left, std = across(straight, LENGTH, u, force, np.full((2, 5, 3), 0.5))
     np.testing.assert_allclose(left, np.broadcast_to([0.0, 0.0, -2.0], (2, 5, 3)), atol=1e-12)
     np.testing.assert_allclose(std, np.broadcast_to([0.0, 0.5, 0.5], (2, 5, 3)), atol=1e-12)
+
+
+def test_rows_of_a_table_stand_below_the_title_of_their_group():
+    html = grouped_table(["a", "b"], [("one & two", [["x", "1"]]), ("three", [["y", "2"]])])
+    checked(html)
+    assert html.count("<tbody>") == 2 and '>one &amp; two</th></tr><tr><th scope="row">x' in html
+    assert '<th scope="rowgroup" colspan="2">three</th>' in html
 
 
 def test_table_marks_its_heads():

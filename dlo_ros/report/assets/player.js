@@ -4,7 +4,6 @@
 // JSON; dlo_ros/report/shape_player.py writes them and says what they mean.
 (function () {
   const NAMES = ["initial", "observed", "predicted"];
-  const ARROWS = ["faint", "arrows"];
 
   function element(parent, name, attributes) {
     const node = document.createElementNS(parent.namespaceURI, name);
@@ -166,7 +165,7 @@
     } else {
       if (view.turning) parts = stage(svg, view); else grid(svg, view);
       parts.size = Math.max(view.box[2], view.box[3]) / 60;
-      for (const name of ARROWS) parts[name] = element(svg, "path", {class: "arrow " + name});
+      parts.arrows = element(svg, "path", {class: "arrow arrows"});
     }
     // Each curve stands out from the photograph; no halo may cover another curve.
     if (view.photograph) {
@@ -201,10 +200,7 @@
           parts[name].setAttribute("d", d);
           if (parts[name + "-halo"]) parts[name + "-halo"].setAttribute("d", d);
         }
-        for (const name of ARROWS) {
-          if (!parts[name]) continue;
-          parts[name].setAttribute("d", arrows(flat(name), parts.size));
-        }
+        if (parts.arrows) parts.arrows.setAttribute("d", arrows(flat("arrows"), parts.size));
       });
       text.textContent = frame.text;
       slider.setAttribute("aria-valuetext", frame.text);
