@@ -149,7 +149,7 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
     if len(shares) > 1:
         sentences.insert(0, OVERLAP)
     if found.verdict == "adequate" and order and immaterial(found):
-        sentences.insert(0, "Nothing that matters is wrong. What is certain all the same:")
+        sentences.insert(0, "Nothing that matters is wrong. This is certain all the same.")
     if found.verdict == "adequate":
         if found.setup and extends(found) and (not order or set_up_is_off(found)):
             sentences.append(_slight(found))
@@ -323,8 +323,8 @@ def _less_than_learned(found: Diagnosis) -> list[str]:
     if not more:
         return []
     return [
-        f"On the data learned from it is larger ({', '.join(more)}): data differ in how much the "
-        "DLO moves in them."
+        f"On the data learned from the error is larger ({', '.join(more)}): a wrong model shows "
+        "more in some shapes and motions than in others."
     ]
 
 

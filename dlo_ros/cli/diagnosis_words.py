@@ -101,12 +101,13 @@ def rows(effect: NamedEffect, length: float) -> list[tuple[str, str, str]]:
         for k, (value, std) in enumerate(zip(found, stds, strict=True)):
             name = f"{key}, {component(q, k, len(found))}" if several else key
             index = k if several else None
-            side = q.side(value, index, len(found)) if q else ""
+            told = is_determined(value, std, q, length)
+            side = q.side(value, index, len(found)) if q and told else ""
             signless = bool(q and side and not q.neutral)
             shown = _known(abs(value) if signless else value, std, n.unit, q, length, sparing=False)
             if n.own:
                 shown = ", ".join(f"{bare(x, n.unit)} in {name}" for name, x in n.own.items())
-            if side and is_determined(value, std, q, length):
+            if side:
                 shown += f" {side}" if signless else f" ({side})"
             above = positive(q, index, len(found))
             sign = f"positive: {above}" if above and q and not q.neutral else above

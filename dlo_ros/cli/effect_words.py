@@ -137,8 +137,9 @@ def label(name: str, count: int = 1) -> str:
     words = [title(effect)]
     q = quantity_of(effect, key)
     known = effects().get(effect)
-    of_plane = [] if known is None else [other for other in known.quantities() if not other.spatial]
-    if q is not None and (len(of_plane) > 1 or q.spatial):
+    several = () if known is None else known.quantities()
+    of_plane = [other for other in several if not other.spatial]
+    if q is not None and len(several) > 1 and (len(of_plane) > 1 or q.spatial):
         words.append(q.description.split(":")[0].split(",")[0])
     if index:
         words.append(component(q, int(index.rstrip("]")), count))

@@ -238,7 +238,7 @@ def _sides(r: DiagnosedRecording, left: str, right: str) -> str:
 def _series(
     x: FloatArray, before: FloatArray, after: FloatArray, report: DiagnosisReport
 ) -> tuple[Series, ...]:
-    """Curves of both models as their shapes are drawn."""
+    """Curves of both models in the colours of their shapes, the plain one's beneath."""
     if not report.extends:
         return (Series("plain model", "predicted", x, before, line="--"),)
     plain = Series("plain model", "other", x, before, wide=True)

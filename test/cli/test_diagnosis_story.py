@@ -156,7 +156,7 @@ def test_adequate_says_whether_it_is_as_good_as_matters():
     one = case("adequate", (), 4e-3, setup=exact | {k: SETUP[k] for k in list(SETUP)[:1]})
     assert "a little off in one place, each within" in answers(one)[1]
     small = case("adequate", before=1.5e-4)
-    assert answers(small)[1].startswith("Nothing that matters is wrong. What is certain all the")
+    assert answers(small)[1].startswith("Nothing that matters is wrong. This is certain all the")
     assert "Nothing that matters" not in answers(case("adequate"))[1]
     far = case("adequate", (), 4e-3, setup=SETUP | BENT)
     assert headline(far).endswith("for a set-up that is off beyond its tolerances.")
@@ -197,10 +197,10 @@ def test_a_rival_that_is_a_cause_itself_would_have_other_numbers():
 
 def test_less_on_held_out_data_than_on_those_learned_from_has_its_reason():
     made = case()  # as much on both
-    reason = "data differ in how much the DLO moves"
+    reason = "a wrong model shows more in some shapes and motions than in others."
     assert reason not in answers(made)[2]
     larger = replace(made, baseline=replace(made.baseline, err_train=4.2e-3))
-    assert f"On the data learned from it is larger (4.2 mm before): {reason}" in answers(larger)[2]
+    assert f"data learned from the error is larger (4.2 mm before): {reason}" in answers(larger)[2]
     both = replace(larger, extended=replace(made.extended, err_train=0.9e-3))
     assert f"(4.2 mm before, 0.90 mm after): {reason}" in answers(both)[2]
     smaller = replace(made, baseline=replace(made.baseline, err_train=1e-3))

@@ -63,6 +63,8 @@ def test_every_effect_says_what_it_is():
         (label("grip_angle.end[1]", 2), "direction of a grip in the hand, at the end, z"),
         (label("clamp_offset.end[1]", 2), "place of a clamp, at the end, z"),
         (label("gravity_tilt.angle"), "tilt of the board"),
+        (label("gravity_tilt.across"), "tilt of the board, rotation of gravity out of that plane"),
+        (label("twisting_stiffness.ratio"), "twisting stiffness"),
         (percent(0.999), "over 99 %"),
         (percent(0.001), "under 1 %"),
         (measured(12.3, 0.196, sparing=True), "12.3 +- 0.2"),
@@ -131,6 +133,13 @@ def test_what_the_data_do_not_determine_is_no_number():
     (x, radius) = rows(NamedEffect("obstacle", peg, ()), LENGTH)
     assert x[:2] == ("x", "not determined (260 mm in the file)")
     assert radius[:2] == ("radius", "24.0 +- 3.0 mm")
+    # The word stands for the sign, and the meaning says which side is positive.
+    bent = {"kink": Number(-0.3, 0.02, "rad"), "position": Number(0.2, 0.3, "m")}
+    kink, position = rows(NamedEffect("intrinsic_curvature", bent, ()), LENGTH)
+    assert kink[1:] == (
+        "17.2 +- 1.1 degrees counterclockwise", "angle of a kink; positive: clockwise"
+    )  # fmt: skip
+    assert position[1] == "not determined (200 mm in the file)"
     # Zero is a value like any other where nothing is wrong at zero.
     shift = NamedEffect("camera_shift", {"x": Number(-2e-6, 4e-4, "m")}, ())
     assert values(shift, LENGTH) == "0.0 +- 0.4 mm to the left"
