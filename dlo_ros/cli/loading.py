@@ -21,11 +21,13 @@ from dlo_ros.cli.observe import observe_recording, uncommanded_shapes
 from dlo_ros.cli.observe_points import ObservedPoints, observe_points, observes_points
 from dlo_ros.cli.observe_space import ObservedFrame
 from dlo_ros.cli.refusals import Refusals
-from dlo_ros.command import Motion
+from dlo_ros.command import NANOSECONDS, Motion
 from dlo_ros.compilation import compile_first
 from dlo_ros.errors import InputError, RecordingError
 from dlo_ros.inference.first_motion import apparent_start
 from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.lost_pictures import lost_pictures, with_lost_time
+from dlo_ros.inference.lost_time import Gap
 from dlo_ros.inference.observation_operator import operator_of
 from dlo_ros.observation import Observation
 from dlo_ros.parameter_file import parameter_values
@@ -38,6 +40,9 @@ from dlo_ros.rod.boundary.shape_orientation import all_along, runs_backwards
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
+
+GAPS_TOLD = 3
+"""Places of lost pictures that are named."""
 
 
 def add_model_arguments(parser: argparse.ArgumentParser) -> None:
@@ -204,8 +209,27 @@ def load_manipulation(path: Path, settings: Settings) -> Manipulation:
             path, topics.OBSERVED_POINTS, unfit, len(usable),
         )  # fmt: skip
     result = Manipulation(recording.name, recording.commands, usable, recording.wrenches)
+    gaps = lost_pictures(result)
+    if gaps:
+        _tell_gaps(result, gaps)
+        result = with_lost_time(result, gaps)
     tell_delay(result, settings)
     return result
+
+
+def _tell_gaps(manipulation: Manipulation, gaps: Sequence[Gap]) -> None:
+    """Warn of lost pictures whose time is put back."""
+    first = manipulation.observations[0].stamp
+    places = [
+        f"{g.lost} after {(g.before - first) / NANOSECONDS:.2f} s" for g in gaps[:GAPS_TOLD]
+    ] + [f"and at {len(gaps) - GAPS_TOLD} more places"] * (len(gaps) > GAPS_TOLD)
+    lost = sum(g.lost for g in gaps)
+    LOG.warning(
+        "%s: %d %s lost that the stamps do not count (%s): all of the DLO and what holds it jump "
+        "there as far as in so many pictures; the %.2f s are put back",
+        manipulation.name, lost, "picture was" if lost == 1 else "pictures were",
+        ", ".join(places), sum(g.missing for g in gaps) / NANOSECONDS,
+    )  # fmt: skip
 
 
 def _doubt_commands(

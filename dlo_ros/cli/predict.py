@@ -24,6 +24,7 @@ from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import estimate_covariance, stated_covariance
 from dlo_ros.inference.forecast import forecast, warn_of_instability
+from dlo_ros.inference.lost_time import stated_stamps
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.command_file import read_command_file
@@ -93,7 +94,10 @@ def _follow(arguments: argparse.Namespace, settings: Settings) -> int:
         found = forecast(manipulation, settings, loads=True)
         warn_of_instability(found, manipulation.name)
         copy_topics(bag, writer, exclude=(*WRITTEN_TOPICS, *_images()))
-        for k, stamp in enumerate(int(stamp) for stamp in found.stamps):
+        # A recording goes on with its own stamps, also where they lack time.
+        gaps = manipulation.gaps
+        stamps = stated_stamps(found.stamps, gaps) if gaps else found.stamps
+        for k, stamp in enumerate(int(stamp) for stamp in stamps):
             _write(writer, settings, stamp, found.predicted[k], found.loadings[k : k + 1])
             writer.write(topics.ERR, float_message(BAG_MESSAGES, float(found.err[k])), stamp)
     own = 1e3 * found.resolution_error * settings.rod.length

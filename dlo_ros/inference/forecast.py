@@ -12,6 +12,7 @@ import numpy as np
 from dlo_ros.command import Command, Motion
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.inference.err import shape_errors
+from dlo_ros.inference.lost_time import Gap
 from dlo_ros.inference.observation_operator import noise_unit, operator_of
 from dlo_ros.inference.parameter import of_recording
 from dlo_ros.inference.smooth_modes import whitening
@@ -36,6 +37,7 @@ class Manipulation:
         observations: observations by growing stamp, at least one.
         wrenches: measured forces and torques of the grips, for each end that has them.
         start: value of simulation.start for this recording; None: that of the settings.
+        gaps: where it lost time, which has been put back, see `lost_pictures`.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Manipulation:
     observations: tuple[Observation, ...]
     wrenches: tuple[Wrenches, ...] = ()
     start: str | None = None
+    gaps: tuple[Gap, ...] = ()
 
 
 @dataclass(frozen=True)
