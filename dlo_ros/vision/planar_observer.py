@@ -94,10 +94,12 @@ class Observer:
         motion: the commands; it may grow between frames. None where there are none.
 
     Raises:
-        InputError: an image that the parameters name cannot be read.
+        InputError: an image that the parameters name cannot be read, or the camera lies in the
+            board's plane.
     """
 
     def __init__(self, settings: Settings, camera: Camera, motion: Motion | None = None) -> None:
+        camera.check_before_board()
         self.settings = settings
         self.camera = camera
         self.motion = motion

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from dlo_ros.errors import InputError
-from dlo_ros.parameters import CameraPose
+from dlo_ros.parameters import CameraPose, RodParameters, Settings
 from dlo_ros.vision import Camera
+from dlo_ros.vision.planar_observer import Observer
+from dlo_ros.vision.space import SpaceObserver
 
 K = [1400.0, 0.0, 950.0, 0.0, 1410.0, 545.0, 0.0, 0.0, 1.0]
 PLUMB_BOB = (-0.28, 0.09, 0.001, -0.0007, -0.01)
@@ -90,9 +92,19 @@ def test_pixel_beyond_what_the_lens_model_covers_has_no_point():
         ({"distortion": (np.nan,) * 5}, "NaN"),
         ({"distortion": (0.1,) * 14, "model": "rational_polynomial"}, "tilted sensor"),
         ({"size": (0, 1080)}, "both must be positive"),
-        ({"pose": CameraPose((0.3, 0.1, 0.0), (0.7071, 0.0, 0.0, 0.7071))}, "board's plane"),
     ],
 )
 def test_unusable_intrinsics_are_refused(changed, words):
     with pytest.raises(InputError, match=words):
         camera(**changed)
+
+
+def test_a_camera_in_the_boards_plane_serves_beside_others_but_not_alone():
+    """One that looks down along the board sees the DLO from another side than one before it."""
+    above = CameraPose((0.0, 0.0, 1.2), (1.0, 0.0, 0.0, 0.0))  # at z = 1.2 m, y of the board up
+    settings = Settings(RodParameters(0.5, 0.006, 1e6, 1000.0))
+    one = camera((), pose=above)
+    np.testing.assert_allclose(one.project(np.zeros((1, 3))), one.matrix[None, :2, 2])
+    SpaceObserver(settings, {"before": camera(()), "above": one})
+    with pytest.raises(InputError, match="board's plane"):
+        Observer(settings, one)

@@ -22,6 +22,7 @@ from dlo_ros.vision.camera.lens_distortion import distort, undistort
 # Number of coefficients that sensor_msgs/CameraInfo carries for each model.
 MODELS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (0, 4, 5, 8, 12, 14)}
 STEP_X, STEP_Y = np.array([1.0, 0.0]), np.array([0.0, 1.0])
+NEAREST = 1e-6  # [m] a camera nearer to the board's plane lies in it
 ROUND_TRIP = 0.05  # [px] above this a pixel lies where the distortion cannot be undone
 
 
@@ -83,11 +84,6 @@ class Camera:
             raise InputError(
                 f"camera_info says the image is {self.width} x {self.height} px; "
                 "both must be positive"
-            )
-        normal = self.rotation[:, 1]
-        if abs(float(normal @ self.translation)) < 1e-6:
-            raise InputError(
-                "camera.translation puts the camera into the board's plane; check the camera's pose"
             )
 
     @classmethod
@@ -154,6 +150,17 @@ class Camera:
             return q
         tolerance = ROUND_TRIP / max(k[0, 0], k[1, 1])
         return np.asarray(undistort(q, self._coefficients, float(tolerance)))
+
+    def check_before_board(self) -> None:
+        """Refuse a camera that lies in the board's plane, which it sees as a line.
+
+        Raises:
+            InputError: it does.
+        """
+        if abs(float(self.rotation[:, 1] @ self.translation)) < NEAREST:
+            raise InputError(
+                "camera.translation puts the camera into the board's plane; check the camera's pose"
+            )
 
     def to_board(self, pixels: FloatArray) -> FloatArray:
         """Points of the board's plane y = 0 that pixels show.
