@@ -96,8 +96,8 @@ class Bag:
     def _called(self, topic: str) -> list[Connection]:
         """The connections with messages of a topic, in all namespaces."""
         found = [c for c in self.connections if topics.is_topic(c.topic, topic) and c.msgcount]
-        if topic in (topics.IMAGE, topics.CAMERA_INFO):
-            # A depth image is no picture, though its topic ends like one's.
+        if topic in (topics.IMAGE, topics.COMPRESSED, topics.CAMERA_INFO):
+            # A depth image is no picture, compressed or not, though its topic ends like one's.
             found = [c for c in found if not topics.is_topic(c.topic, f"depth/{topic}")]
         return found
 

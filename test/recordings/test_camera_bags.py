@@ -3,14 +3,20 @@
 
 import re
 
+import cv2
 import numpy as np
 import pytest
 
 from dlo_ros.errors import RecordingError
 from dlo_ros.recordings.camera_bags import iterate_together
-from dlo_ros.recordings.image_building import camera_info_message, image_message
+from dlo_ros.recordings.image_building import (
+    camera_info_message,
+    compressed_message,
+    image_message,
+)
 from dlo_ros.recordings.images import CameraInfo
 from dlo_ros.recordings.message_building import BAG_MESSAGES
+from dlo_ros.recordings.read import iterate_images
 from dlo_ros.recordings.synchronisation import ApproximateTime
 from dlo_ros.recordings.write import BagWriter
 
@@ -62,3 +68,21 @@ def test_pictures_without_a_partner_are_told_with_the_reason(late, width, told, 
         return
     with pytest.raises(RecordingError, match=re.escape(told)):
         list(pairs)
+
+
+@pytest.mark.parametrize("namespace", ["", "camera/"])
+def test_compressed_depth_images_are_no_pictures(namespace, tmp_path):
+    """image_transport offers `compressed` beside every image, also beside a depth sensor's."""
+    picture, depth = np.full((32, 48, 3), 200, np.uint8), np.full((32, 48), 1000, np.uint16)
+    k = (50.0, 0.0, 24.0, 0.0, 50.0, 16.0, 0.0, 0.0, 1.0)
+    info = camera_info_message(BAG_MESSAGES, 1, CameraInfo(48, 32, "plumb_bob", (0.0,) * 5, k))
+    with BagWriter(tmp_path / "bag") as writer:
+        for at in (10**9, 2 * 10**9):
+            png = compressed_message(
+                BAG_MESSAGES, at, "depth", cv2.imencode(".png", depth)[1].tobytes(), "16UC1; png"
+            )
+            writer.write(f"{namespace}camera_info", info, at)
+            writer.write(f"{namespace}depth/image_raw/compressed", png, at)
+            image = image_message(BAG_MESSAGES, at, "camera", picture)
+            writer.write(f"{namespace}image_raw", image, at)
+    assert [image.min() for _, image, _ in iterate_images(tmp_path / "bag")] == [200, 200]
