@@ -6,6 +6,8 @@ The rope's axis lies in the board frame's plane y = 0, the board's surface one r
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +28,18 @@ NOISE_TILE = 256  # [px] by which the stored noise exceeds the image, so that it
 
 def _bgr(colour: Colour) -> NDArray[np.float32]:
     return np.array(colour[::-1], dtype=np.float32)
+
+
+def _pixel_size(plane: NDArray[np.floating[Any]]) -> float:
+    """Size of a pixel in the middle of an image (root of its area) [m].
+
+    Args:
+        plane: x and z of a plane at each pixel [m], shape (H, W, 2).
+    """
+    row, column = plane.shape[0] // 2, plane.shape[1] // 2
+    here = plane[row, column]
+    right, below = plane[row, column + 1] - here, plane[row + 1, column] - here
+    return float(np.sqrt(np.abs(right[0] * below[1] - right[1] * below[0])))
 
 
 class Renderer:
@@ -53,11 +67,10 @@ class Renderer:
         self._rng = np.random.default_rng(seed)
         rays = geometry.rays()
         self._plane: Float32Array = geometry.on_plane(rays, 0.0).astype(np.float32)
-        centre = self._plane[geometry.camera.height // 2, geometry.camera.width // 2 :][:2, 0]
-        self._pixel = float(abs(centre[1] - centre[0]))  # [m] in the middle of the image
+        surface = geometry.on_plane(rays, self.radius if behind is None else behind)
+        self._pixel = _pixel_size(self._plane if behind is None else surface)
         self.light = self._lighting()
-        board = self._board(geometry.on_plane(rays, self.radius if behind is None else behind))
-        self.board = board * self.light[..., None]
+        self.board = self._board(surface) * self.light[..., None]
         self._background = np.clip(self._blurred(self.board), 0, 255).astype(np.uint8)
         camera = geometry.camera
         shape = (camera.height + NOISE_TILE, camera.width + NOISE_TILE, 3)

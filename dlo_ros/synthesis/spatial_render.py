@@ -134,7 +134,8 @@ class SpatialRenderer:
             mixed = whole | (rng.random(len(pixel)) < sensor.mixed)
             share = np.where(mixed, cover, 0.0)
             result[pixel] += share * (surface - result[pixel])
-            seen = self.geometry.camera.focal_length[0] * self.radius / layers.depth[one]
+            focal_length = self._focal_length_across(layers.normal[one])
+            seen = focal_length * self.radius / layers.depth[one]
             lost = np.exp(-2.0 * seen / sensor.thin) if sensor.thin > 0.0 else np.zeros(len(pixel))
             lost = np.where(whole, lost, np.maximum(lost, EDGE))
             missing[pixel] = rng.random(len(pixel)) < lost
@@ -143,6 +144,10 @@ class SpatialRenderer:
         result[missing | ~np.isfinite(result) | (result <= 0.0)] = 0.0
         shape = self._board_depth.shape
         return np.rint(np.clip(MILLIMETRES * result, 0, 65535)).astype(np.uint16).reshape(shape)
+
+    def _focal_length_across(self, normal: FloatArray) -> FloatArray:
+        """Focal length in the direction of unit vectors of the image [px], (m, 2) -> (m,)."""
+        return np.asarray(np.hypot(*(np.array(self.geometry.camera.focal_length) * normal).T))
 
     def layers(self, line: FloatArray, u: FloatArray) -> Layers:
         """The visible samples of the rope, before the lens's blur; arguments as in `depth`."""
@@ -157,7 +162,8 @@ class SpatialRenderer:
         tangent = np.gradient(centre, axis=0)
         tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
         # The silhouette of a round rope is where a ray is a radius away from its axis.
-        size = camera.focal_length[0] * self.radius / depths
+        normal = np.column_stack([-tangent[:, 1], -tangent[:, 0]])
+        size = self._focal_length_across(normal) * self.radius / depths
         reach = int(np.ceil(size.max() + BLENDED)) + 1
         offset = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2), axis=-1).reshape(-1, 2)
         column_row = np.rint(centre).astype(np.int64)[:, None] + offset  # (samples, k, 2)
@@ -184,8 +190,7 @@ class SpatialRenderer:
         flat, sample, distance, cover = (a[order] for a in (flat, sample, distance, cover))
         first = np.concatenate([[True], np.diff(flat) != 0]) if len(flat) else np.zeros(0, bool)
         start = np.maximum.accumulate(np.where(first, np.arange(len(flat)), 0))
-        t = tangent[sample]
         return Layers(
             flat, np.arange(len(flat)) - start, distance / size[sample], places[sample],
-            np.column_stack([-t[:, 1], -t[:, 0]]), depths[sample], np.asarray(cover, np.float64),
+            normal[sample], depths[sample], np.asarray(cover, np.float64),
         )  # fmt: skip

@@ -12,6 +12,7 @@ from dlo_ros.parameters import CameraPose
 from dlo_ros.synthesis.camera_geometry import Geometry
 from dlo_ros.synthesis.picture_settings import Look, SimulatedCamera
 from dlo_ros.synthesis.render import Renderer
+from dlo_ros.synthesis.spatial_render import SpatialRenderer
 
 CAMERA = SimulatedCamera(
     width=640,
@@ -178,3 +179,47 @@ def test_distortion_that_folds_the_image_is_refused():
     camera = replace(CAMERA, distortion=(-3.0, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(InputError, match="folds the image"):
         Geometry(camera, POSE).rays()
+
+
+def level(roll: float) -> CameraPose:
+    """A camera straight before the board, rolled about its optical axis [deg]."""
+    turned = Rotation.from_euler("xz", [90.0, roll], degrees=True)
+    return CameraPose((0.0, 0.0, 0.5), tuple(float(q) for q in turned.as_quat()))
+
+
+@pytest.mark.parametrize("roll", [90.0, 180.0, 270.0])
+def test_a_rolled_camera_takes_the_picture_turned(roll):
+    square = SimulatedCamera(301, 301, (400.0, 400.0), (150.0, 150.0), noise=0.0)
+    look = replace(PLAIN, unevenness=0.0)
+    u = np.linspace(0.0, 0.3, 500)
+    upright, rolled = (
+        Renderer(Geometry(square, level(angle)), look, DIAMETER, 0)
+        .frame([wave(u)], u, np.zeros(0))
+        .astype(float)
+        for angle in (0.0, roll)
+    )
+    np.testing.assert_allclose(np.rot90(rolled, round(roll / 90.0)), upright, atol=1.0)
+
+
+def test_a_pixel_of_a_rolled_camera_is_as_large():
+    square = SimulatedCamera(301, 301, (400.0, 400.0), (150.0, 150.0), noise=0.0)
+    sizes = [
+        Renderer(Geometry(square, level(angle)), PLAIN, DIAMETER, 0)._pixel
+        for angle in (0.0, 30.0, 45.0, 90.0)
+    ]
+    np.testing.assert_allclose(sizes, 0.5 / 400.0, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("axis", "focal_length"), [(0, 520.0), (2, 400.0)])
+def test_a_rope_in_space_is_as_wide_as_the_pixels_are(axis, focal_length):
+    """Pixels that are no squares: a level rope is scaled by the focal length of y."""
+    camera = SimulatedCamera(301, 301, (400.0, 520.0), (150.0, 150.0), noise=0.0)
+    drawn = SpatialRenderer(Geometry(camera, level(0.0)), PLAIN, DIAMETER, 0.1, 0)
+    u = np.linspace(0.0, 0.1, 200)
+    line = np.zeros((200, 3))
+    line[:, axis] = u - 0.05
+    layers = drawn.layers(line, u)
+    cover = np.zeros(301 * 301)
+    cover[layers.pixel] = layers.cover
+    middle = cover.reshape(301, 301)[:, 150] if axis == 0 else cover.reshape(301, 301)[150]
+    np.testing.assert_allclose(middle.sum(), DIAMETER / 0.5 * focal_length, rtol=1e-3)
