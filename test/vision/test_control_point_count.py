@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from picture_bags import write_bag
+from scipy.spatial.transform import Rotation
 from vision_scenes import LENGTH, Scene, bow, clamps, loop, render, settings
 
 from dlo_ros.cli import main as cli
@@ -43,6 +44,18 @@ def test_what_the_shape_needs_is_found(true):
     chosen = [choose_control_points(points_of(true, 2e-5, seed), LENGTH) for seed in range(5)]
     # A number that is no multiple of the true spans needs some more to follow it as well.
     assert all(true - 1 <= n <= 4 * true for n in chosen)
+
+
+def test_a_shape_needs_as_many_whichever_way_it_lies_in_space():
+    points = points_of(14, 1e-4, count=300)
+    lifted = points.positions + np.random.default_rng(1).normal(0.0, 1e-4, (300, 3))
+    chosen = []
+    for axis in ([1.0, 0.0, 0.0], [2.0, 1.0, -1.0], [0.0, 0.0, 1.0]):
+        turned = Rotation.from_rotvec(0.5 * np.pi * np.array(axis)).apply(lifted)
+        chosen.append(choose_control_points(replace(points, positions=turned), LENGTH))
+    level = choose_control_points(points, LENGTH)
+    assert chosen == [chosen[0]] * 3
+    assert 13 <= chosen[0] <= level + 3
 
 
 def test_noise_asks_for_fewer():

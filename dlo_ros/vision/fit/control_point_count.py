@@ -19,6 +19,9 @@ MOST_CONTROL_POINTS = 100
 GROWTH = 1.12  # of one number that is tried to the next
 FOLLOWED = 2.5e-4  # of L: half of what counts as material, see diagnosis.material_err
 BEYOND_NOISE = 1.5  # times the stated std of the points, which no spline gets below
+MEDIAN_SQUARE = {False: 0.455, True: 1.386}
+"""Median of a squared distance across the DLO over its variance in one direction, chi squared with
+one degree of freedom in the board's plane and with two in space."""
 RIDGE = 1e-9  # keeps a gap without points from making the fit singular
 
 
@@ -38,7 +41,7 @@ def choose_control_points(points: CentrelinePoints, length: float) -> int:
     count = len(points.u)
     if count < 4 * FOLDS:
         raise VisionError(f"{count} measured points are too few to choose control points by")
-    xz = points.positions[:, [0, 2]]
+    positions = points.positions
     weights = _weights(points)
     folds = np.arange(count) // BLOCK % FOLDS
     tried, errors = [], []
@@ -49,16 +52,12 @@ def choose_control_points(points: CentrelinePoints, length: float) -> int:
         squares = np.zeros(count)
         for fold in range(FOLDS):
             kept = folds != fold
-            fitted = _solve(b[kept], xz[kept], weights[kept])
-            predicted = b[~kept] @ fitted
-            # Only what lies across the DLO was measured.
-            tangent = basis.matrix(points.u[~kept], 1) @ fitted
-            tangent /= np.maximum(np.hypot(*tangent.T), 1e-12)[:, None]
-            off = xz[~kept] - predicted
-            squares[~kept] = (tangent[:, 0] * off[:, 1] - tangent[:, 1] * off[:, 0]) ** 2
+            fitted = _solve(b[kept], positions[kept], weights[kept])
+            slopes = basis.matrix(points.u[~kept], 1) @ fitted
+            squares[~kept] = _squares_across(positions[~kept] - b[~kept] @ fitted, slopes)
         squares *= weights
         # A few wrong points must not choose.
-        limit = 9.0 * float(np.median(squares)) / 0.455
+        limit = 9.0 * float(np.median(squares)) / MEDIAN_SQUARE[bool(positions[:, 1].any())]
         squares = np.minimum(squares, max(limit, 1e-30))
         tried.append(n)
         errors.append(squares)
@@ -81,10 +80,8 @@ def misfit(points: CentrelinePoints, control_points: FloatArray, length: float) 
     """
     basis = SplineBasis(len(control_points), length)
     off = points.positions - basis.matrix(points.u) @ control_points[:, :3]
-    tangent = basis.matrix(points.u, 1) @ control_points[:, :3]
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1), 1e-12)[:, None]
-    off -= np.sum(off * tangent, axis=1)[:, None] * tangent
-    return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+    slopes = basis.matrix(points.u, 1) @ control_points[:, :3]
+    return float(np.sqrt(np.mean(_squares_across(off, slopes))))
 
 
 def follows(points: CentrelinePoints, control_points: FloatArray, length: float) -> bool:
@@ -121,17 +118,29 @@ def enough_control_points(points: CentrelinePoints, length: float) -> int:
     )
 
 
+def _squares_across(off: FloatArray, slopes: FloatArray) -> FloatArray:
+    """Squared lengths across a curve, where alone a DLO is measured [m^2], shape (m,).
+
+    Args:
+        off: vectors from the curve's points [m], shape (m, 3).
+        slopes: derivatives of the curve there, shape (m, 3).
+    """
+    tangent = slopes / np.maximum(np.linalg.norm(slopes, axis=1), 1e-12)[:, None]
+    across = off - np.sum(off * tangent, axis=1)[:, None] * tangent
+    return np.asarray(np.sum(across**2, axis=1))
+
+
 def _weights(points: CentrelinePoints) -> FloatArray:
     weights = 1.0 / np.maximum(points.std, 1e-9) ** 2
     return np.asarray(weights / np.median(weights))
 
 
-def _solve(b: FloatArray, xz: FloatArray, weights: FloatArray) -> FloatArray:
-    """Weighted least-squares control points, shape (n, 2)."""
+def _solve(b: FloatArray, positions: FloatArray, weights: FloatArray) -> FloatArray:
+    """Weighted least-squares control points, shape (n, 3)."""
     weighted = b * weights[:, None]
     normal = weighted.T @ b
     # Second differences of the control points decide where no points were seen.
     n = b.shape[1]
     difference = np.diff(np.eye(n), 2, axis=0)
     normal += RIDGE * float(np.trace(normal)) / n * (difference.T @ difference)
-    return np.asarray(np.linalg.solve(normal, weighted.T @ xz))
+    return np.asarray(np.linalg.solve(normal, weighted.T @ positions))
