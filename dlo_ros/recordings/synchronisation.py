@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
+from statistics import median
 from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
@@ -12,6 +13,7 @@ Item = TypeVar("Item")
 WAITING = 30  # items of a sensor that may wait for the others'; the oldest are dropped
 USUAL_PERIOD = 50_000_000  # [ns] of the first sensor, until two of its stamps are known
 SHARE = 0.5  # of the first sensor's period, which two stamps of one instant may be apart
+RECENT = 15  # intervals of the first sensor, whose median is its period: lost items lengthen a few
 
 
 class ApproximateTime(Generic[Item]):
@@ -26,6 +28,7 @@ class ApproximateTime(Generic[Item]):
         self.unmatched = 0
         self._waiting: dict[str, deque[tuple[int, Item]]] = {}
         self._period = USUAL_PERIOD
+        self._recent: deque[int] = deque(maxlen=RECENT)
         self._before: int | None = None
         self.clear()
 
@@ -50,7 +53,8 @@ class ApproximateTime(Generic[Item]):
             return []
         if name == self.names[0]:
             if self._before is not None and stamp > self._before:
-                self._period = stamp - self._before
+                self._recent.append(stamp - self._before)
+                self._period = int(median(self._recent))
             self._before = stamp
             self.unmatched += len(waiting) == WAITING
         waiting.append((stamp, item))

@@ -35,6 +35,21 @@ def test_images_meet_by_approximate_stamps():
     assert together.unmatched == 1
 
 
+def test_a_lost_image_makes_no_pair_of_different_instants():
+    """Where each camera loses images beside one another, none is a partner of its neighbours."""
+    together = ApproximateTime(["left", "right"])
+    period, sets = 33_000_000, []
+    for k in range(30):
+        if k != 13:
+            sets += together.add("right", k * period, k)
+        if k not in (10, 11, 12):
+            sets += together.add("left", k * period, k)
+    sets += together.rest()
+    assert [s["left"][1] for s in sets] == [k for k in range(30) if not 10 <= k <= 13]
+    assert all(s["left"][1] == s["right"][1] for s in sets)
+    assert together.unmatched == 1
+
+
 def test_a_camera_that_stops_blocks_nothing():
     together = ApproximateTime(["left", "right"])
     for k in range(100):
