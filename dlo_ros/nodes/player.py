@@ -22,6 +22,7 @@ from dlo_ros.nodes import qos
 from dlo_ros.nodes.listeners import Listeners
 from dlo_ros.nodes.message_factory import message_class
 from dlo_ros.nodes.runtime import Stop, ros
+from dlo_ros.recordings import topics
 from dlo_ros.recordings.playback import Playlist, ScheduledMessage
 
 CLOCK_PERIOD = 0.01
@@ -75,6 +76,7 @@ class Player:
         for topic, kind in playlist.topics:
             # Reliable offers match every subscription; what was latched reaches late ones, too.
             profile = qos.LATCHED if topic in playlist.latched else qos.RELIABLE
+            profile = qos.FIXED_TRANSFORMS if topic == topics.TRANSFORMS else profile
             self._publishers[topic] = node.create_publisher(message_class(kind), topic, profile)
         self._clock = node.create_publisher(Clock, "/clock", qos.CLOCK) if clock else None
         self._ticked = -math.inf

@@ -15,6 +15,8 @@ from rclpy.qos import (
 )
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
+from dlo_ros.recordings import topics
+
 OVERRIDES = QoSOverridingOptions(
     policy_kinds=(
         QoSPolicyKind.HISTORY,
@@ -48,6 +50,14 @@ LATCHED = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 """Commands and estimates: who comes later gets the last one."""
+
+FIXED_TRANSFORMS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=topics.FIXED_TRANSFORMS,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""/tf_static: several publish there, each its own message."""
 
 SENSOR = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,

@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from dlo_ros.command import NANOSECONDS
+from dlo_ros.nodes import qos
 from dlo_ros.nodes.message_factory import installed
 from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.recordings import topics
@@ -37,11 +38,7 @@ class TransformListener:
             history=HistoryPolicy.KEEP_LAST, depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE
         )
         kind = topics.TRANSFORMS_TYPE
-        fixed = QoSProfile(  # several may publish there, each its own message
-            history=HistoryPolicy.KEEP_LAST, depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL,
-        )  # fmt: skip
-        node.subscribe(topics.TRANSFORMS, self._on_fixed, fixed, kind)
+        node.subscribe(topics.TRANSFORMS, self._on_fixed, qos.FIXED_TRANSFORMS, kind)
         node.subscribe(topics.MOVING_TRANSFORMS, self._on_moving, moving, kind, drain=True)
 
     def _on_fixed(self, message: Any) -> None:

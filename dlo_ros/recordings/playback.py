@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,7 +60,7 @@ class Playlist:
         """The messages in the order of recording.
 
         What was recorded before `start` on a latched topic (a command that still holds) is due at
-        once, the last message of each such topic.
+        once: the last message of each such topic, and all transforms that hold for good.
 
         Raises:
             RecordingError: the bag is damaged.
@@ -68,16 +68,27 @@ class Playlist:
         names = {name for name, _ in self.topics}
         with open_bag(self.path) as bag:
             chosen = [c for c in bag.connections if c.topic in names]
-            held: dict[str, RawMessage] = {}
+            held: dict[str, list[RawMessage]] = {}
             for message in bag.messages(chosen):
                 if message.stamp < self.start:
                     if message.topic in self.latched:
-                        held[message.topic] = message
+                        # One publisher's fixed transforms replace no other's.
+                        fixed = message.topic == topics.TRANSFORMS
+                        held[message.topic] = [
+                            *(held.get(message.topic, ()) if fixed else ()),
+                            message,
+                        ]
                     continue
-                yield from (ScheduledMessage(0.0, early) for early in held.values())
+                yield from _at_once(held)
                 held.clear()
                 yield ScheduledMessage((message.stamp - self.start) / 1e9 / self.rate, message)
-            yield from (ScheduledMessage(0.0, early) for early in held.values())
+            yield from _at_once(held)
+
+
+def _at_once(held: Mapping[str, Sequence[RawMessage]]) -> Iterator[ScheduledMessage]:
+    """Messages by topic, due at the start of the playback."""
+    for messages in held.values():
+        yield from (ScheduledMessage(0.0, message) for message in messages)
 
 
 def plan(
@@ -151,7 +162,7 @@ def _choose(bag: Bag, selection: Collection[str]) -> list[tuple[str, str]]:
 
 
 def _is_latched(connection: Connection) -> bool:
-    if any(topics.is_topic(connection.topic, name) for name in topics.LATCHED):
+    if topics.is_latched(connection.topic):
         return True
     profiles = getattr(connection.ext, "offered_qos_profiles", [])
     return any(profile.durability.name == "TRANSIENT_LOCAL" for profile in profiles)

@@ -80,7 +80,10 @@ LATCHED = frozenset({COMMAND, YOUNG_MODULUS, DENSITY})
 
 TRANSFORMS = "/tf_static"
 TRANSFORMS_TYPE = "tf2_msgs/msg/TFMessage"
-"""Transforms that hold for good, of the whole system."""
+"""Transforms that hold for good, of the whole system; published transient local."""
+
+FIXED_TRANSFORMS = 100
+"""Messages with such transforms that who comes later still gets: each publisher has its own."""
 
 MOVING_TRANSFORMS = "/tf"
 """Transforms that change, of the whole system."""
@@ -102,6 +105,11 @@ def type_of(topic: str) -> str:
 def is_topic(full_name: str, topic: str) -> bool:
     """Whether a full name such as `/left/dlo/observed` is the topic in some namespace."""
     return full_name.lstrip("/") == topic or full_name.endswith("/" + topic)
+
+
+def is_latched(full_name: str) -> bool:
+    """Whether a topic is published transient local, by its full name."""
+    return full_name == TRANSFORMS or any(is_topic(full_name, topic) for topic in LATCHED)
 
 
 def relative(full_name: str) -> str | None:

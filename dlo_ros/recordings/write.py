@@ -248,11 +248,12 @@ def is_bag_folder(path: Path) -> bool:
 
 def offered(topic: str) -> Qos:
     """QoS that is noted for a topic, so that `ros2 bag play` offers it."""
-    latched = any(topics.is_topic(topic, name) for name in topics.LATCHED)
+    latched = topics.is_latched(topic)
+    kept = topics.FIXED_TRANSFORMS if topic == topics.TRANSFORMS else 1
     zero = QosTime(0, 0)
     return Qos(
         history=QosHistory.KEEP_LAST,
-        depth=1 if latched else 10,
+        depth=kept if latched else 10,
         reliability=QosReliability.RELIABLE,
         durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
         deadline=zero,

@@ -12,8 +12,11 @@ import recordings_samples as samples
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from dlo_ros.errors import RecordingError
-from dlo_ros.recordings import BAG_MESSAGES, float_message, image_message
+from dlo_ros.recordings import BAG_MESSAGES, float_message, image_message, topics
+from dlo_ros.recordings.bag import open_bag
+from dlo_ros.recordings.message_building import transform_message
 from dlo_ros.recordings.playback import plan
+from dlo_ros.recordings.write import BagWriter
 
 pytestmark = pytest.mark.live
 
@@ -46,6 +49,27 @@ def test_a_command_from_before_the_offset_still_holds(bag):
     assert due[0].message.stamp < playlist.start
     rest = [item.message.stamp for item in due[1:]]
     assert rest == [t for _, _, t in samples.messages() if t >= playlist.start]
+
+
+def test_all_fixed_transforms_from_before_the_offset_still_hold(tmp_path):
+    """Each publisher of /tf_static sends its own frames; a later message replaces no other's."""
+    at = [samples.START + k * samples.STEP for k in range(4)]
+    pose = ((0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
+    with BagWriter(tmp_path / "bag") as writer:
+        for stamp, frame in zip(at, ("camera", "arm"), strict=False):
+            message = transform_message(BAG_MESSAGES, stamp, "board", frame, *pose)
+            writer.write(topics.TRANSFORMS, message, stamp)
+        spline = samples.messages()[2]
+        writer.write(spline[0], spline[1], at[3])
+    playlist = plan(tmp_path / "bag", start_offset=2.5 * samples.STEP / 1e9)
+    assert playlist.latched == {topics.TRANSFORMS}
+    due = [(item.message.topic, item.message.stamp, item.after) for item in playlist.messages()]
+    assert due[:2] == [(topics.TRANSFORMS, at[0], 0.0), (topics.TRANSFORMS, at[1], 0.0)]
+    assert len(due) == 3
+    with open_bag(tmp_path / "bag") as bag:  # `ros2 bag play` offers what is noted here
+        noted = {c.topic: c.ext.offered_qos_profiles[0] for c in bag.connections}
+    assert noted[topics.TRANSFORMS].durability.name == "TRANSIENT_LOCAL"
+    assert noted[topics.TRANSFORMS].depth > 1
 
 
 def test_selection_and_types_that_are_not_installed(bag, tmp_path):
