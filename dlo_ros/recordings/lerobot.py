@@ -123,7 +123,10 @@ def read_lerobot(
         InputError: no data set, no such episode, or columns that are no splines and commands.
     """
     info = _read_info(folder)
-    path = folder / _data(str(info.get("data_path", DATA)), episode)
+    chunk = info.get("chunks_size", CHUNK)
+    if not isinstance(chunk, int) or chunk < 1:
+        raise InputError(f"{folder / INFO}: chunks_size is {chunk!r}; it must be a whole number")
+    path = folder / _data(str(info.get("data_path", DATA)), episode, chunk)
     if not path.is_file():
         held = info.get("total_episodes", "?")
         raise InputError(f"{path}: is missing; the data set says it has {held} episodes, from 0")
@@ -225,9 +228,9 @@ def _vectors(arrow: Any, values: np.ndarray) -> Any:
     return arrow.FixedSizeListArray.from_arrays(arrow.array(values.ravel()), values.shape[1])
 
 
-def _data(pattern: str, episode: int) -> str:
+def _data(pattern: str, episode: int, chunk: int = CHUNK) -> str:
     try:
-        return pattern.format(episode_chunk=episode // CHUNK, episode_index=episode)
+        return pattern.format(episode_chunk=episode // chunk, episode_index=episode)
     except (KeyError, IndexError, ValueError) as err:
         raise InputError(
             f"data_path '{pattern}' is not that of LeRobot {VERSION}, which is read here"
