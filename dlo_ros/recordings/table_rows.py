@@ -7,6 +7,7 @@ import csv
 import logging
 import math
 from collections.abc import Mapping, Sequence
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -95,9 +96,12 @@ def stamps(path: Path, rows: Sequence[Row]) -> list[int]:
     """
     if STAMP in rows[0]:
         return _within_range(path, rows, [_nanoseconds(path, row) for row in rows])
-    seconds = numbers(path, rows, (_time_column(path, rows[0]),))[:, 0]
+    time = _time_column(path, rows[0])
+    seconds = numbers(path, rows, (time,))[:, 0]
     before = ORIGIN if np.abs(seconds).max() < LONGEST else 0
-    return _within_range(path, rows, [before + round(s * NANOSECONDS) for s in seconds.tolist()])
+    # A float of a date is 100 ns off and more: equal stamps of two files would differ.
+    found = [before + round(Decimal(row[time]) * NANOSECONDS) for row in rows]
+    return _within_range(path, rows, found)
 
 
 def measured(

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from dlo_ros.command import END, NANOSECONDS, NORM, START, UNIT, Command
+from dlo_ros.command import END, NANOSECONDS, NORM, START, UNIT, Command, Motion
 from dlo_ros.errors import CommandError, InputError
 from dlo_ros.files import write_text
 from dlo_ros.observation import CentrelinePoints, Observation, Wrenches
@@ -174,7 +174,7 @@ def _points(path: Path, length: float) -> dict[int, CentrelinePoints]:
 
 
 def read_commands(path: Path, settings: Settings) -> list[Command]:
-    """Lines of one `command` number, or of one stamp where there is none, are one command."""
+    """Commands of a CSV file: lines of one stamp, or all without `time_from_start`, are one."""
     rows = rows_of(path, ("name", *POSE))
     at, after = _starts(path, rows)
     values = numbers(path, rows, POSE)
@@ -234,7 +234,10 @@ def write_csv(
     table = [[o.stamp, *o.control_points.ravel().tolist()] for o in observations]
     write_table(folder / OBSERVED_FILE, [STAMP, *spline_columns(n)], table)
     lines: list[list[object]] = []
-    for c in commands:
+    held = Motion()
+    for command in commands:
+        held.add(command)
+    for c in held.commands:  # what was replaced before it began would be in the way of the others
         for i, time in enumerate(c.times):
             for k, name in enumerate(c.names):
                 speed = c.velocities[i, k]

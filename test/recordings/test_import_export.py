@@ -373,22 +373,6 @@ def test_options_that_do_not_go_together(params, tmp_path, capsys, options, word
     assert words in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
-def test_episodes_lie_in_folders_of_as_many_as_the_data_set_says(params, tmp_path, capsys):
-    data = tmp_path / "set"
-    pattern = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
-    for name, text in (
-        ("meta/info.json", {"features": {}, "chunks_size": 2, "data_path": pattern}),
-        ("data/chunk-001/episode_000003.parquet", {}),
-    ):
-        (data / name).parent.mkdir(parents=True)
-        (data / name).write_text(json.dumps(text))
-    call = ["import", "--format", "parquet", "--params", params, "--output", str(tmp_path / "bag")]
-    assert main([*call, "--episode", "3", str(data)]) == 2
-    assert "is missing" not in capsys.readouterr().err  # found, though it is no Parquet file
-    assert main([*call, "--episode", "4", str(data)]) == 2
-    assert "chunk-002/episode_000004.parquet: is missing" in capsys.readouterr().err
-
-
 def test_without_pyarrow_it_is_said(params, tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pyarrow.parquet", None)
     call = ["export", "--params", params, "--recording", bag(tmp_path), "--format", "parquet"]

@@ -1,0 +1,106 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Tables and data sets: which commands they have, dates in seconds, folders of episodes."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dlo_ros.cli.main import main
+from dlo_ros.command import Command
+from dlo_ros.inference.forecast import motion_of
+from dlo_ros.observation import CentrelinePoints, Observation
+from dlo_ros.parameters import RodParameters, Settings
+from dlo_ros.recordings.message_building import (
+    BAG_MESSAGES,
+    command_message,
+    observation_messages,
+)
+from dlo_ros.recordings.read import read_recording
+from dlo_ros.recordings.tables import write_bag
+from dlo_ros.recordings.write import BagWriter
+from dlo_ros.spline import SplineBasis
+
+N = 6
+SETTINGS = Settings(RodParameters(0.4, 0.004, 5e7, 2500.0, control_points=N))
+BEGIN = 1_750_000_000_123_456_789
+
+
+@pytest.fixture
+def params(tmp_path):
+    SETTINGS.dump(tmp_path / "params.yaml")
+    return str(tmp_path / "params.yaml")
+
+
+def recording():
+    """Two commands, and splines with points on them."""
+    times, rotations = np.array([0.0, 0.1, 0.25]), np.zeros((3, 1, 4))
+    rotations[..., 3] = 1.0
+    positions = np.random.default_rng(3).normal(scale=0.1, size=(3, 1, 3))
+    unknown = np.full((3, 1, 3), np.nan)
+    first = Command(BEGIN, ("start",), times, positions, rotations, unknown, N)
+    second = replace(first, stamp=BEGIN + 300_000_000, positions=2.0 * positions)
+    basis = SplineBasis(N, 0.4)
+    u, shape, on = np.linspace(0.0, 0.4, 30), np.zeros((N, 4)), np.zeros((30, 3))
+    shape[:, 0], on[:, 0] = basis.greville, u
+    points = CentrelinePoints(on, u, np.full(30, 1e-4))
+    stamps = [BEGIN + k * 33_333_333 for k in range(5)]
+    return (first, second), tuple(Observation(s, shape, points) for s in stamps)
+
+
+@pytest.mark.parametrize("later", [0, -200_000_000])
+def test_a_command_that_was_replaced_before_it_began_is_not_exported(params, tmp_path, later):
+    """Of two with one stamp the later received one holds; one with an earlier stamp drops both."""
+    (first, second), seen = recording()
+    commands = (first, second, replace(first, stamp=second.stamp + later))
+    with BagWriter(tmp_path / "bag") as writer:
+        for k, command in enumerate(commands):
+            message = command_message(BAG_MESSAGES, command)
+            writer.write("dlo/command", message, BEGIN + k)
+        for topic, message in (pair for o in seen for pair in observation_messages("board", o)):
+            writer.write(topic, message, BEGIN + 10)
+    call = ["export", "--params", params, "--recording", str(tmp_path / "bag"), "--format", "csv"]
+    assert main([*call, "--output", str(tmp_path / "tables")]) == 0
+    call = ["import", "--format", "csv", "--params", params, "--output", str(tmp_path / "back")]
+    assert main([*call, str(tmp_path / "tables")]) == 0
+    before, after = (
+        motion_of(read_recording(tmp_path / name, SETTINGS)) for name in ("bag", "back")
+    )
+    for stamp in (BEGIN, BEGIN + 150_000_000, BEGIN + 10**9):
+        a, b = (np.hstack(m.at(stamp).sample(stamp)) for m in (before, after))
+        np.testing.assert_allclose(a, b)
+
+
+def test_dates_in_seconds_are_read_to_the_nanosecond(params, tmp_path):
+    tables, seconds, out = (tmp_path / name for name in ("tables", "seconds", "back"))
+    write_bag(tmp_path / "bag", SETTINGS, *recording())
+    call = ["export", "--params", params, "--recording", str(tmp_path / "bag"), "--format", "csv"]
+    assert main([*call, "--output", str(tables)]) == 0
+    seconds.mkdir()
+    for path in tables.iterdir():
+        if path.name != "points.csv":
+            text = re.sub(r"(?m)^(\d{10})(\d{9}),", r"\1.\2,", path.read_text())
+            (seconds / path.name).write_text(text.replace("stamp_ns", "time_s"))
+    call = ["import", "--format", "csv", "--params", params, "--output", str(out)]
+    assert main([*call, str(seconds), str(tables / "points.csv")]) == 0
+    found = read_recording(out, SETTINGS)
+    assert [o.stamp for o in found.observations] == [o.stamp for o in recording()[1]]
+    assert all(o.points is not None for o in found.observations)  # those have the same stamps
+
+
+def test_episodes_lie_in_folders_of_as_many_as_the_data_set_says(params, tmp_path, capsys):
+    data = tmp_path / "set"
+    pattern = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
+    for name, text in (
+        ("meta/info.json", {"features": {}, "chunks_size": 2, "data_path": pattern}),
+        ("data/chunk-001/episode_000003.parquet", {}),
+    ):
+        (data / name).parent.mkdir(parents=True)
+        (data / name).write_text(json.dumps(text))
+    call = ["import", "--format", "parquet", "--params", params, "--output", str(tmp_path / "bag")]
+    assert main([*call, "--episode", "3", str(data)]) == 2
+    assert "is missing" not in capsys.readouterr().err  # found, though it is no Parquet file
+    assert main([*call, "--episode", "4", str(data)]) == 2
+    assert "chunk-002/episode_000004.parquet: is missing" in capsys.readouterr().err
