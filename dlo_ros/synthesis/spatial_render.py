@@ -24,6 +24,7 @@ BLENDED = 0.5  # [px] on either side of the edge, over which it is partly covere
 STRAND = 6.0  # [radii] of u, beyond which two samples belong to different strands
 WHOLE = 1.0 - 1e-6  # share of a pixel from which on the rope covers it
 EDGE = 0.5  # share of the pixels at an edge that have no depth at all
+GRAZING = 0.05  # sine of the angle of rope and ray, below which the rope points at the camera
 MILLIMETRES = 1000.0  # of a depth image's unit
 
 
@@ -38,6 +39,8 @@ class Layers(NamedTuple):
         normal: unit vector across the axis in the image, x to the right, z up, shape (m, 2).
         depth: depth of the axis [m], shape (m,).
         cover: share of the pixel, shape (m,).
+        behind: depth from the surface's middle to the axis along the ray, over the radius,
+            shape (m,).
     """
 
     pixel: NDArray[np.int64]
@@ -47,6 +50,7 @@ class Layers(NamedTuple):
     normal: FloatArray
     depth: FloatArray
     cover: FloatArray
+    behind: FloatArray
 
 
 class SpatialRenderer:
@@ -128,8 +132,8 @@ class SpatialRenderer:
         for rank in range(int(layers.rank.max(initial=-1)) + 1):
             one = layers.rank == rank
             pixel, cover = layers.pixel[one], layers.cover[one]
-            before = np.sqrt(np.maximum(1.0 - layers.across[one] ** 2, 0.0)) * self.radius
-            surface = layers.depth[one] - before
+            before = np.sqrt(np.maximum(1.0 - layers.across[one] ** 2, 0.0)) * layers.behind[one]
+            surface = layers.depth[one] - before * self.radius
             whole = cover > WHOLE
             mixed = whole | (rng.random(len(pixel)) < sensor.mixed)
             share = np.where(mixed, cover, 0.0)
@@ -148,6 +152,17 @@ class SpatialRenderer:
     def _focal_length_across(self, normal: FloatArray) -> FloatArray:
         """Focal length in the direction of unit vectors of the image [px], (m, 2) -> (m,)."""
         return np.asarray(np.hypot(*(np.array(self.geometry.camera.focal_length) * normal).T))
+
+    def _behind(self, line: FloatArray) -> FloatArray:
+        """Depth of an axis [m], shape (m, 3), behind the surface over the radius, see `Layers`.
+
+        A ray that meets the axis leaves the surface a radius over the sine of their angle before.
+        """
+        seen = line @ self.geometry.rotation.T + np.array(self.geometry.pose.translation)
+        along, distance = np.gradient(seen, axis=0), np.linalg.norm(seen, axis=1)
+        across = np.linalg.norm(np.cross(seen, along), axis=1)
+        sine = across / np.maximum(distance * np.linalg.norm(along, axis=1), 1e-300)
+        return np.asarray(seen[:, 2] / distance / np.maximum(sine, GRAZING))
 
     def layers(self, line: FloatArray, u: FloatArray) -> Layers:
         """The visible samples of the rope, before the lens's blur; arguments as in `depth`."""
@@ -177,13 +192,14 @@ class SpatialRenderer:
         inside &= depths[:, None] > self.radius
         sample, _ = np.nonzero(inside)
         flat = (row * camera.width + column)[inside]
-        distance = beside[inside]
+        distance, gap = beside[inside], np.hypot(beside, ahead)[inside]
         order = np.lexsort((places[sample], flat))
         flat, sample, distance, cover = (a[order] for a in (flat, sample, distance, cover[inside]))
         new = np.ones(len(flat), dtype=np.bool_)
         new[1:] = (np.diff(flat) != 0) | (np.diff(places[sample]) > STRAND * self.radius)
         strand = np.cumsum(new) - 1
-        best = np.lexsort((np.abs(distance), strand))
+        # Of samples that are all as far beside a pixel, the first would lie ahead of it.
+        best = np.lexsort((gap[order], strand))
         best = best[np.concatenate([[True], np.diff(strand[best]) != 0])] if len(best) else best
         flat, sample, distance, cover = (a[best] for a in (flat, sample, distance, cover))
         order = np.lexsort((-depths[sample], flat))
@@ -193,4 +209,5 @@ class SpatialRenderer:
         return Layers(
             flat, np.arange(len(flat)) - start, distance / size[sample], places[sample],
             normal[sample], depths[sample], np.asarray(cover, np.float64),
+            np.interp(at, along, self._behind(line))[sample],
         )  # fmt: skip

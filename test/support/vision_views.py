@@ -55,7 +55,12 @@ def view(of, points, rng, std=0.1, low=0.0, high=LENGTH, count=100, dt=0.0, dept
     start = np.clip(u + 0.004 * np.sin(9 * u / LENGTH), 0.0, LENGTH)
     z = None
     if depth is not None:
-        z = (FINE.evaluate(points, u) @ of.rotation.T + of.translation)[:, 2]
+        # A ray that meets the axis leaves the surface a radius over the sine of their angle before.
+        axis = FINE.evaluate(points, u) @ of.rotation.T + of.translation
+        ray = axis / np.linalg.norm(axis, axis=1)[:, None]
+        slope = FINE.evaluate(points, u, 1) @ of.rotation.T
+        sine = np.linalg.norm(np.cross(ray, slope), axis=1) / np.linalg.norm(slope, axis=1)
+        z = axis[:, 2] - 0.5 * DIAMETER * ray[:, 2] / sine
         z = z + depth * rng.normal(size=count)
     return View(of, of.project(np.zeros((count, 3))), rays, tangent, start, 5.0, dt, depth=z)
 

@@ -305,7 +305,8 @@ def test_depth_has_holes_mixed_pixels_and_noise():
     nearest = np.append(np.diff(seen.pixel) != 0, True)
     whole = nearest & (seen.cover == 1.0)
     found = depth.reshape(-1)[seen.pixel[whole]]
-    surface = seen.depth[whole] - 0.004 * np.sqrt(1.0 - seen.across[whole] ** 2)
+    behind = 0.004 * seen.behind[whole]
+    surface = seen.depth[whole] - behind * np.sqrt(1.0 - seen.across[whole] ** 2)
     there = found > 0.0
     assert (found - surface)[there].std() == pytest.approx(0.002, rel=0.3)
     assert abs((found - surface)[there].mean()) < 3e-4
@@ -313,6 +314,27 @@ def test_depth_has_holes_mixed_pixels_and_noise():
     assert 0.2 < np.mean(edge == 0.0) < 0.8  # half of them and those that are thin
     between = (edge > 1.32) & (edge < 1.44)
     assert between.mean() > 0.05
+
+
+@pytest.mark.parametrize("turn", [0.0, 30.0, -50.0])
+@pytest.mark.parametrize("beside", [0.0, 0.25])
+def test_depth_is_that_of_a_cylinder(turn, beside):
+    """Rays in the plane of axis and eye meet a cylinder where their distance from it is r."""
+    radius, angle = 0.004, np.radians(turn)
+    along = np.array([np.cos(angle), np.sin(angle), 0.0])
+    u = np.linspace(0.0, 0.1, 401)
+    line = np.array([beside, 0.0, 0.0]) + (u - 0.05)[:, None] * along
+    wide = replace(SMALL, width=640, principal_point=(319.5, 119.5))
+    renderer = SpatialRenderer(Geometry(wide, EYE), Look(), 2.0 * radius, 0.25, 0)
+    exact = DepthSensor(std=0.0, holes=0.0, mixed=1.0, thin=0.0)
+    row = renderer.depth(line, u, exact)[[119, 120]].mean(axis=0) / 1000.0
+    columns = np.unique(np.rint(renderer.geometry.project(line[60:-60])[:, 0]).astype(int))
+    # In the plane z = 0 the distance of eye + t ray from the axis is begin + t rate, t the depth.
+    normal = np.cross(along, [0.0, 0.0, 1.0])
+    begin = (np.array([0.0, -1.2, 0.0]) - line[0]) @ normal
+    rate = (columns - 319.5) / 600.0 * normal[0] + normal[1]
+    depth = np.minimum((radius - begin) / rate, (-radius - begin) / rate)
+    assert abs(np.mean(row[columns] - depth)) < 3e-4  # the image is in millimetres
 
 
 def test_the_tool_writes_it(tmp_path, capsys, monkeypatch):

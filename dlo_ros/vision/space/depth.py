@@ -1,8 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Depth of the DLO's axis along its centreline, from a depth image aligned with the picture.
+"""Depth of the DLO along its centreline, from a depth image aligned with the picture.
 
 Depth sensors fail on thin cables: pixels at the edges lie between the DLO and what is behind it,
-others have no depth at all. So only the core is sampled, and medians are taken.
+others have no depth at all. So only the core is sampled, and medians are taken. How far the axis
+lies behind the surface depends on the DLO's direction, which the fit knows (`view_projection.py`).
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ MEDIAN = 6.0  # [widths] along which a first shape's depths are smoothed
 
 
 def profile_depths(image: Depths, located: Located, radius: float) -> FloatArray:
-    """Depth of the axis at each profile [m], NaN where there is none, shape (k,).
+    """Depth of the surface's middle at each profile [m], NaN where there is none, shape (k,).
 
     Args:
         image: depths along the optical axis [m], NaN or 0 where there is none, shape (h, w).
@@ -47,8 +48,8 @@ def _across(
     inside = (x >= 0) & (y >= 0) & (x < wide) & (y < height)
     depth = image[y.clip(0, height - 1), x.clip(0, wide - 1)].astype(np.float64)
     known = inside & (depth > NEAREST) & (depth < FARTHEST)
-    # The sensor sees the surface, which lies before the axis.
-    depth = np.where(known, depth + radius * np.sqrt(1.0 - (2.0 * CORE) ** 2), np.inf)
+    # Beside its middle the surface lies further back.
+    depth = np.where(known, depth - radius * (1.0 - np.sqrt(1.0 - (2.0 * CORE) ** 2)), np.inf)
     ordered, number = np.sort(depth, axis=1), known.sum(axis=1)
     rows = np.arange(len(points))
     low, high = np.maximum((number - 1) // 2, 0), np.minimum(number // 2, len(CORE) - 1)
@@ -61,20 +62,20 @@ def _across(
 def course_points(
     image: Depths, camera: Camera, course: FloatArray, width: float, radius: float
 ) -> FloatArray:
-    """Points of the axis all along a course in the board frame [m], shape (k, 3).
+    """Points of the axis all along a course in the board frame [m], roughly, shape (k, 3).
 
     Args:
         image: see `profile_depths`.
         camera: camera of the picture.
         course, width, radius: see `course_depth`.
     """
-    z = course_depth(image, course, width, radius)
+    z = course_depth(image, course, width, radius) + radius
     seen = np.column_stack([camera.rays(course), np.ones(len(course))]) * z[:, None]
     return np.asarray((seen - camera.translation) @ camera.rotation)
 
 
 def course_depth(image: Depths, course: FloatArray, width: float, radius: float) -> FloatArray:
-    """Depth of the axis all along a course [m], smoothed, holes bridged, shape (k,).
+    """Depth of the surface all along a course [m], smoothed, holes bridged, shape (k,).
 
     Args:
         image: see `profile_depths`.

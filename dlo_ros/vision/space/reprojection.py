@@ -29,7 +29,7 @@ from dlo_ros.vision.segmentation.picture_strip import Mask
 from dlo_ros.vision.space.normal_equations import SplineNormalEquations, leverage, mirrored
 from dlo_ros.vision.space.spatial_result import SpaceFit
 from dlo_ros.vision.space.view import View
-from dlo_ros.vision.space.view_projection import DRIFTS, Projection, project
+from dlo_ros.vision.space.view_projection import DRIFTS, GRAZING, Projection, project
 
 FREEDOM = 4.0  # degrees of freedom of Student's distribution
 STEPS = 10  # of Gauss and Newton at most
@@ -132,7 +132,8 @@ def fit_views(
             stds.append(std)
             weights.append(weight)
             if view.depth is not None:
-                depths.extend(_add_depth(equations, view, seen, on, depth_freedom))
+                behind = 0.5 * prior.diameter * seen.behind
+                depths.extend(_add_depth(equations, view, seen, on, behind, depth_freedom))
             _add_tips(equations, view, table, points + view.dt * velocity)
         _add_length(equations, table.halves, points, stretch)
         equations.add_prior(3 * k, np.array([stretch]), SHARED_STD)
@@ -282,16 +283,25 @@ def _slide(
     seen = _project(view, u, table, points, velocity, drift)
     speed = seen.speed
     # Where the DLO runs towards the camera a pixel is a long way.
-    least = 0.05 * view.focal_length / seen.depth
+    least = GRAZING * view.focal_length / seen.depth
     most = FURTHEST_SLIDE * length
     change = np.clip(seen.along / np.maximum(np.abs(speed), least) * np.sign(speed), -most, most)
     return np.asarray(np.clip(u + change, 0.0, length))
 
 
 def _add_depth(
-    equations: SplineNormalEquations, view: View, seen: Projection, on: Mask, freedom: float
-) -> list[Weighted]:
+    equations: SplineNormalEquations, view: View, seen: Projection, on: Mask, behind: FloatArray,
+    freedom: float,
+) -> list[Weighted]:  # fmt: skip
     """Depths along the centreline, robust: holes are left out, mixed pixels count little.
+
+    Args:
+        equations: the equations to which they are added.
+        view: a view with depth.
+        seen: the curve beside its points.
+        on: mask of the points that count, shape (m,).
+        behind: depth of the axis behind the surface [m], shape (m,).
+        freedom: share of the scatter that the curve has not followed.
 
     Returns:
         The observations that were added; empty without a depth.
@@ -300,7 +310,7 @@ def _add_depth(
     known = np.isfinite(view.depth) & on
     if np.count_nonzero(known) < WINDOW:
         return []
-    residual = seen.depth[known] - view.depth[known]
+    residual = (seen.depth - behind - view.depth)[known]
     std = _scatter(residual, freedom, DEPTH_STD_FLOOR, np.inf)
     basis, direction = seen.basis[known], seen.depth_rows[known]
     weight = _student(residual / std) / std**2

@@ -34,7 +34,8 @@ class View:
         width: width of the DLO [px].
         dt: time of the picture after that of the shape which is fitted [s].
         tips: pixels of start and end where they are free and were seen.
-        depth: depth of the DLO's axis along the optical axis [m], NaN where unknown, shape (m,).
+        depth: depth of the DLO's surface, in its middle, along the optical axis [m], NaN where
+            unknown, shape (m,).
         shared: standard deviation across that a point has in common with its neighbours, for as
             many of them as if each had it alone [px], shape (m,).
         apart: distance of the DLO's edges [px], NaN where it is unknown, shape (m,); None: nowhere.
@@ -98,7 +99,7 @@ def view_of(
         dt: see `View`.
         seen: profiles that count, shape (k,).
         tips: see `View`.
-        depth: depth of the axis at each profile [m], NaN where unknown, shape (k,).
+        depth: depth of the surface at each profile [m], NaN where unknown, shape (k,).
     """
     index = np.arange(len(located.curve))
     size = max(1, round(BLOCK * located.width / located.spacing))

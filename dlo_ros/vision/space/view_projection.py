@@ -15,6 +15,7 @@ from dlo_ros.vision.segmentation.picture_strip import Mask
 from dlo_ros.vision.space.view import View
 
 NEAREST = 0.05  # [m] before a camera, where no DLO is
+GRAZING = 0.05  # share of a DLO's direction across a ray, below which it runs along the ray
 BEYOND = 2.0  # [px] past the DLO's end a point is none of it
 DRIFTS = 4
 """Coefficients of what is not known of the velocity: a cubic (Bernstein) of the share of u."""
@@ -32,6 +33,8 @@ class Projection(NamedTuple):
         across_rows, depth_rows: derivatives of `across` [px/m] and `depth` by the spline's point in
             the board frame, shape (m, 3).
         speed: derivative of `along` by u, its sign turned [px/m], shape (m,).
+        behind: depth from the surface to the axis along the point's ray, over the radius: 1 where
+            the DLO lies across the optical axis and on it, shape (m,).
     """
 
     basis: FloatArray
@@ -42,6 +45,7 @@ class Projection(NamedTuple):
     across_rows: FloatArray
     depth_rows: FloatArray
     speed: FloatArray
+    behind: FloatArray
 
     def on(self, u: FloatArray, length: float) -> Mask:
         """Mask of the points that lie beside the DLO, not beyond its ends, at their u [m]."""
@@ -108,12 +112,14 @@ def _project(
     FloatArray,
     FloatArray,
     FloatArray,
+    FloatArray,
 ]:
     """The fields of `Projection`; basis functions are interpolated in their table."""
     count, k = len(u), values.shape[1]
     basis, drift_basis = np.empty((count, k)), np.empty((count, DRIFTS))
     depth, across, along = np.empty(count), np.empty(count), np.empty(count)
     across_rows, depth_rows, speed = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
+    behind = np.empty(count)
     place, slope, along_row = np.empty(3), np.empty(3), np.empty(3)
     for i in range(count):
         at = u[i] * ((len(values) - 1) / length)
@@ -147,7 +153,7 @@ def _project(
         dx, dy = qx - rays[i, 0], qy - rays[i, 1]
         across[i] = focal * (dy * tx - dx * ty)
         along[i] = -focal * (dx * tx + dy * ty)
-        speed[i] = aside = climb = 0.0
+        speed[i] = aside = climb = right = down = 0.0
         for c in range(3):
             forward = rotation[2, c]
             row_x, row_y = rotation[0, c] - qx * forward, rotation[1, c] - qy * forward
@@ -157,10 +163,19 @@ def _project(
             speed[i] += along_row[c] * slope[c]
             aside += across_rows[i, c] * slope[c]
             climb += forward * slope[c]
+            right += rotation[0, c] * slope[c]
+            down += rotation[1, c] * slope[c]
+        # A ray of length |(qx, qy, 1)| for a unit of depth meets a cylinder's surface a radius over
+        # the sine of its angle with the axis before it comes nearest to the axis.
+        size = np.sqrt(right**2 + down**2 + climb**2)
+        normal = np.sqrt(
+            (qy * climb - down) ** 2 + (right - qx * climb) ** 2 + (qx * down - qy * right) ** 2
+        )
+        behind[i] = size / max(normal, GRAZING * size, 1e-300)
         # A move of the spline along the centreline brings another part of it beside the point,
         # and that part lies further across where both are not parallel.
         if sliding and abs(aside) < abs(speed[i]):
             for c in range(3):
                 across_rows[i, c] -= aside / speed[i] * along_row[c]
                 depth_rows[i, c] -= climb / speed[i] * along_row[c]
-    return basis, drift_basis, depth, across, along, across_rows, depth_rows, speed
+    return basis, drift_basis, depth, across, along, across_rows, depth_rows, speed, behind
