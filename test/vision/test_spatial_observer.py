@@ -21,7 +21,7 @@ from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis.experiment import find_experiment
 from dlo_ros.vision.segmentation.edge_profile import Located
 from dlo_ros.vision.space import SpaceObserver
-from dlo_ros.vision.space.depth import profile_depths
+from dlo_ros.vision.space.depth import course_depth, profile_depths
 from dlo_ros.vision.space.matching import Course, align, match
 from dlo_ros.vision.space.publishing import publish
 from dlo_ros.vision.space.reprojection import Prior, fit_views
@@ -234,6 +234,16 @@ def test_depth_is_read_in_the_core_as_that_of_the_middle():
     assert np.all(np.abs(depth - 1.2) < 3e-4)
     image[15:26, 30:] = 0.0
     assert np.isnan(profile_depths(image, located, 2e-3)[-10:]).all()
+
+
+def test_a_depth_beyond_a_free_end_stays_alone():
+    """The last pixel of a course may show what is behind the DLO: that makes it no longer."""
+    image = np.full((40, 160), 1.3)
+    image[15:26, :140] = 1.0
+    course = np.column_stack([np.arange(5.0, 142.0, 2.5), np.full(55, 20.0)])
+    assert image[20, 140] == 1.3 and course[-1, 0] == 140.0
+    depth = course_depth(image, course, 11.0, 0.0)
+    np.testing.assert_allclose(depth, 1.0)
 
 
 def test_depth_messages():

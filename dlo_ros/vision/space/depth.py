@@ -94,7 +94,8 @@ def course_depth(image: Depths, course: FloatArray, width: float, radius: float)
     filled = np.interp(np.arange(len(depth)), known, depth[known])
     spacing = max(float(np.median(np.hypot(*np.diff(course, axis=0).T))), 1e-3)
     size = 2 * max(1, round(0.5 * MEDIAN * width / spacing)) + 1
-    smooth = median_filter(filled, size=size, mode="nearest")
+    # Beside a free end the last depths are those of what is behind: repeated, they would prevail.
+    smooth = median_filter(filled, size=size, mode="reflect")
     kernel = np.ones(size) / size
     padded = np.pad(smooth, size // 2, mode="edge")
     return np.asarray(np.convolve(padded, kernel, "valid"))
