@@ -72,12 +72,10 @@ class Playlist:
             for message in bag.messages(chosen):
                 if message.stamp < self.start:
                     if message.topic in self.latched:
+                        if message.topic != topics.TRANSFORMS:
+                            held.pop(message.topic, None)
                         # One publisher's fixed transforms replace no other's.
-                        fixed = message.topic == topics.TRANSFORMS
-                        held[message.topic] = [
-                            *(held.get(message.topic, ()) if fixed else ()),
-                            message,
-                        ]
+                        held.setdefault(message.topic, []).append(message)
                     continue
                 yield from _at_once(held)
                 held.clear()
