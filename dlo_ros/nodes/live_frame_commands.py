@@ -12,7 +12,13 @@ from dlo_ros.errors import InputError, ParameterError
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.node_base import JUMP_BACK, DloNode
 from dlo_ros.nodes.transform_listener import KEPT, TransformListener
-from dlo_ros.recordings.frame_commands import POSES, clamp_frames, command_of, instants
+from dlo_ros.recordings.frame_commands import (
+    LONGEST_SILENCE,
+    POSES,
+    clamp_frames,
+    command_of,
+    instants,
+)
 
 PERIOD = 0.02
 """Seconds of wall time between two commands: a robot publishes its frames more often than that."""
@@ -77,7 +83,7 @@ class FrameCommands:
         if not frames:
             return
         try:
-            stamps = instants(transforms, frames, self._node.settings.frame_id, self._last)
+            stamps = self._instants(frames, self._last)
         except InputError:
             return  # not all has come yet; `_look` reports where it stays so
         if not stamps and self._now and not self._last:  # all of it holds for good
@@ -92,6 +98,11 @@ class FrameCommands:
         self._node.health.count("commands")
         self._node.health.solved("command")
 
+    def _instants(self, frames: dict[str, Any], since: int = 0) -> list[int]:
+        """Stamps of the clamps' poses; one that was told once may be of a robot that begins."""
+        node, settled = self._node, self._node.now() - LONGEST_SILENCE
+        return instants(self._listener.transforms, frames, node.settings.frame_id, since, settled)
+
     def _look(self) -> None:
         """Report missing frames, and frames without new poses."""
         frames, node = self._known(), self._node
@@ -100,7 +111,7 @@ class FrameCommands:
             node.health.warn("command", f"command.source is 'pose', and nobody publishes {wanted}")
             return
         try:
-            moving = instants(self._listener.transforms, frames, node.settings.frame_id)
+            moving = self._instants(frames)
         except InputError as err:
             node.health.warn("command", f"command.source is '{self._source}': {err}")
             return

@@ -7,6 +7,7 @@ the robot publishes it; between them it is interpolated as in any command.
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -45,24 +46,29 @@ def clamp_frames(settings: Settings) -> dict[str, tuple[str, Offset]]:
 
 
 def instants(
-    transforms: Transforms, frames: dict[str, tuple[str, Offset]], fixed: str, since: int = 0
+    transforms: Transforms,
+    frames: dict[str, tuple[str, Offset]],
+    fixed: str,
+    since: int = 0,
+    settled: float = math.inf,
 ) -> list[int]:
     """Stamps [ns] at which all clamps' poses are known and one of them is updated.
 
-    Empty where nothing moves.
+    Empty where nothing moves. A clamp that stays may be told once.
 
     Args:
         transforms: transforms that join the frames to the board.
         frames: see `clamp_frames`.
         fixed: the board's frame.
         since: stamp [ns] before which none is wanted.
+        settled: stamp [ns] from which on what was told once may be told again, where more comes.
 
     Raises:
-        InputError: nothing connects a frame with the board.
+        InputError: nothing connects a frame with the board, or they have no time in common.
     """
-    known = [transforms.instants(frame, fixed, since) for frame, _ in frames.values()]
+    series = [s for frame, _ in frames.values() for s in transforms.series(frame, fixed)]
     result: list[int] = []
-    for stamp in common_instants([stamps for stamps in known if stamps]):
+    for stamp in common_instants(series, since, settled):
         if not result or stamp - result[-1] >= CLOSEST:
             result.append(stamp)
     return result

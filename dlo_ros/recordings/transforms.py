@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dlo_ros.command import NORM, UNIT
+from dlo_ros.command import NANOSECONDS, NORM, UNIT
 from dlo_ros.errors import InputError
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise
@@ -33,12 +34,35 @@ def same_frame(one: str, other: str) -> bool:
     return one.lstrip("/") == other.lstrip("/")
 
 
-def common_instants(stamps: Sequence[Sequence[int]], since: int = 0) -> list[int]:
-    """All stamps [ns] from one on at which each of several growing series has begun and lasts."""
+def common_instants(
+    stamps: Sequence[Sequence[int]], since: int = 0, settled: float = math.inf
+) -> list[int]:
+    """All stamps [ns] from one on at which each of several growing series has begun and lasts.
+
+    What was told once, while others are told again and again, stays where it is: it neither begins
+    nor ends.
+
+    Args:
+        stamps: the series, none of them empty.
+        since: stamp before which none is wanted.
+        settled: stamp from which on what was told once may be told again.
+
+    Raises:
+        InputError: they have no time in common, as where clocks differ.
+    """
     if not stamps:
         return []
-    first, last = max(since, *(s[0] for s in stamps)), min(s[-1] for s in stamps)
-    return sorted({s for each in stamps for s in each[bisect_left(each, first) :] if s <= last})
+    bounds = [s for s in stamps if len(s) > 1 or s[0] >= settled]
+    first, last = (f(s[k] for s in bounds or stamps) for f, k in ((max, 0), (min, -1)))
+    if bounds and first > last + LATE:
+        raise InputError(
+            f"one of the frames is known until {last / NANOSECONDS:.3f} s, and another one from "
+            f"{first / NANOSECONDS:.3f} s on; let their clocks agree"
+        )
+    first = max(first, since)
+    return sorted(
+        {s for each in bounds or stamps for s in each[bisect_left(each, first) :] if s <= last}
+    )
 
 
 @dataclass
@@ -132,11 +156,20 @@ class Transforms:
             since: stamp [ns] before which none is wanted.
 
         Raises:
+            InputError: nothing connects the two, or what does has no time in common.
+        """
+        return common_instants(self.series(frame, fixed), since)
+
+    def series(self, frame: str, fixed: str) -> list[list[int]]:
+        """Growing stamps [ns] of each transform that leads from a frame to another.
+
+        Those that hold for good are left out.
+
+        Raises:
             InputError: nothing connects the two.
         """
         up, down = self._joined(frame, fixed)
-        moving = [self.stamps[name] for name in (*up, *down) if self.stamps[name] != [0]]
-        return common_instants(moving, since)
+        return [self.stamps[name] for name in (*up, *down) if self.stamps[name] != [0]]
 
     def lookup(
         self, frame: str, fixed: str, stamps: Sequence[int]

@@ -3,7 +3,7 @@
 
 from contextlib import nullcontext
 from dataclasses import replace
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +23,7 @@ from dlo_ros.recordings.message_building import (
     transform_message,
 )
 from dlo_ros.recordings.read import read_recording
+from dlo_ros.recordings.transforms import common_instants
 from dlo_ros.recordings.write import BagWriter
 
 BEGIN = 1_750_000_000_000_000_000
@@ -60,8 +61,9 @@ def pose_message(k, end="start", frame="base"):
 
 
 def bag(
-    path, ends=("start", "end"), poses=False, base=True, spoil=None, lost=(), late=0, seen=(0,)
-):
+    path, ends=("start", "end"), poses=False, base=True, spoil=None, lost=(), late=0, seen=(0,),
+    only=MappingProxyType({}), ahead=MappingProxyType({}),
+):  # fmt: skip
     with BagWriter(path) as writer:
         if base:
             message = transform_message(
@@ -70,10 +72,11 @@ def bag(
             writer.write(topics.TRANSFORMS, message, BEGIN)
         for k in (k for k in range(COUNT) if k not in lost):
             stamp = BEGIN + k * STEP + late
-            for end in ends:
+            for end in (e for e in ends if k in only.get(e, [k])):
                 place, turn = flange(k, end)
                 if poses:
                     message = pose_message(k, end)
+                    message.header.stamp.sec += ahead.get(end, 0)
                     q = message.pose.orientation
                 else:
                     message = transform_message(
@@ -162,6 +165,36 @@ def test_gaps_of_the_frames_are_told_and_other_clocks_refused(tmp_path, caplog, 
     for late in (3600 * 10**9, -3600 * 10**9):
         with pytest.raises(RecordingError, match=r"dlo/points, .* outside the time of start_"):
             read_recording(bag(tmp_path / str(late), late=late), settings())
+
+
+@pytest.mark.parametrize("poses", [False, True])
+@pytest.mark.parametrize("told", [0, COUNT // 2, COUNT - 1])
+def test_a_clamp_that_is_told_once_stays_while_the_other_moves(poses, told, tmp_path):
+    path, source = tmp_path / "bag", "pose" if poses else "tf"
+    once = bag(path, poses=poses, only={"end": [told]})
+    (command,) = read_recording(once, settings(source)).commands
+    assert len(command.times) == COUNT
+    for k in (0, 20, COUNT - 1):
+        positions, _ = command.sample(BEGIN + k * STEP)
+        assert np.allclose(positions, [clamp(k)[0], clamp(told, "end")[0]], atol=1e-9)
+
+
+def test_clamps_whose_clocks_differ_are_refused(tmp_path):
+    """Each moves by its own clock, so that there is no motion of both."""
+    apart = bag(tmp_path / "bag", poses=True, ahead={"end": 3600})
+    with pytest.raises(
+        RecordingError, match=r"until 1750000000\.490 s, and another one from 17500"
+    ):
+        read_recording(apart, settings("pose"))
+
+
+def test_a_robot_that_begins_is_not_taken_to_stay():
+    """Live, one pose has come of each frame before there are two."""
+    moving, begun = list(range(0, 100, 10)), [50]
+    assert common_instants([moving, begun], settled=40) == [50]
+    assert common_instants([moving, begun], settled=60) == moving
+    assert common_instants([moving, begun], 75, settled=60) == [80, 90]
+    assert common_instants([begun, [70]]) == []
 
 
 def test_the_ends_of_a_topic_are_read_without_what_lies_between(tmp_path):
