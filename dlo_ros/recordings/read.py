@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dlo_ros.command import Command
+from dlo_ros.command import Command, Motion
 from dlo_ros.errors import CommandError, InputError, RecordingError
 from dlo_ros.observation import CentrelinePoints, Observation, Wrenches
 from dlo_ros.parameters import Settings
@@ -49,7 +49,7 @@ class BagContents:
     Args:
         name: name of the bag's folder.
         path: the folder.
-        commands: commands in the order of receipt.
+        commands: commands by growing stamp, without those that later ones replace whole.
         observations: observed splines by growing stamp, each stamp once.
         has_images: whether the bag holds camera images.
         has_points: whether it holds another tracker's points.
@@ -246,13 +246,13 @@ def _camera_infos(bag: Bag, image_topic: str) -> tuple[list[int], list[CameraInf
 def _commands(bag: Bag, settings: Settings, skipped: list[str]) -> list[Command]:
     if settings.command.source != "topic":
         return commands_from_frames(bag, settings, skipped)
-    commands = []
+    motion = Motion()
     for raw in bag.messages(bag.find(topics.COMMAND)):
         try:
-            commands.append(read_command(deserialise(raw), settings, raw.stamp))
+            motion.add(read_command(deserialise(raw), settings, raw.stamp))
         except InputError as err:
             skipped.append(f"{raw.topic} at {raw.stamp / 1e9:.3f} s skipped: {err}")
-    return commands
+    return motion.commands
 
 
 def _observations(bag: Bag, settings: Settings, skipped: list[str]) -> list[Observation]:

@@ -114,6 +114,20 @@ def test_command_without_a_stamp_starts_when_it_was_recorded(tmp_path):
     assert command.stamp == samples.START + 7
 
 
+@pytest.mark.parametrize("later", [0, 3_000_000_000])
+def test_commands_that_another_replaces_whole_are_none(tmp_path, caplog, later):
+    """A plan for later, and another one from now on: export, forces and checks of clocks see it."""
+    planned = replace(samples.command(), stamp=samples.command().stamp + later)
+    items = [
+        ("/dlo/command", samples.command_message(BAG_MESSAGES, c), samples.START + k)
+        for k, c in enumerate((planned, samples.command()))
+    ]
+    path = samples.write_plain(tmp_path / "bag", [*items, *without("/dlo/command")])
+    (command,) = read_recording(path, samples.SETTINGS).commands
+    assert command.stamp == samples.command().stamp
+    assert "lies wholly" not in caplog.text
+
+
 def test_splines_are_sorted_and_unusable_ones_skipped_with_a_reason(tmp_path):
     def spline(i: int, n: int = samples.N):
         stamp = samples.START + i * samples.STEP
