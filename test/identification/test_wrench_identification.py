@@ -76,6 +76,14 @@ def test_shapes_and_forces_tell_both_e_and_mu(swinging):
     assert told_json["left"]["swing, start"]["force"] < 0.02 * WEIGHT
 
 
+def test_forces_that_contradict_a_stated_density_leave_a_fit_that_has_ended(swinging):
+    """It is that of the shapes, on which the density has no bearing."""
+    heavy = known(SENSOR, 1.4)
+    found = identify([swinging], replace(heavy, rod=replace(heavy.rod, density_std=40.0)))
+    assert found.estimate.density < 2700.0 < heavy.rod.density
+    assert not any("not converged" in line for line in remarks(found))
+
+
 def test_a_stated_tolerance_leaves_what_forces_tell(swinging):
     """The tolerance of a diameter that nobody states stays out where all else is exact."""
     plain = identify([swinging], known(SENSOR)).estimate

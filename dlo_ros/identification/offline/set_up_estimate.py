@@ -70,6 +70,8 @@ class MaterialFit:
         left_out: number of pictures of each recording that are grossly wrong and left out.
         alternatives: effects that this material rather stands for; the information allows for them.
         diameter: standard deviation of the diameter over it, which the information allows for.
+        converged: whether another step of the fit to shapes would move no number by its standard
+            deviation.
     """
 
     at: Evaluation
@@ -80,6 +82,7 @@ class MaterialFit:
     left_out: tuple[int, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     diameter: float = 0.0
+    converged: bool = True
 
     @property
     def settings(self) -> Settings:
@@ -90,11 +93,6 @@ class MaterialFit:
     def theta(self) -> FloatArray:
         """Logarithms of (E, mu, c, t_r), shape (4,)."""
         return logarithms(self.settings)
-
-    @property
-    def converged(self) -> bool:
-        """Whether another step would move no number by its standard deviation."""
-        return expected_gain(self.at, CORRELATED) < CORRELATED.least_gain(self.at)
 
 
 def weighed(begun: Beginning, given: Settings) -> MaterialFit:
@@ -179,6 +177,7 @@ def _reported(
         begun.left_out,
         tuple(others),
         diameter,
+        expected_gain(at, CORRELATED) < CORRELATED.least_gain(at),
     )
 
 
