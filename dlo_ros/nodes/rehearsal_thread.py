@@ -50,6 +50,7 @@ class RehearsalThread:
         self._changed = threading.Condition()
         self._requests: deque[Request] = deque()
         self._answers: deque[Answer] = deque()
+        self._generation = 0
         self._stopping = False
         self._thread: threading.Thread | None = None
 
@@ -72,8 +73,9 @@ class RehearsalThread:
             return self._answers.popleft() if self._answers else None
 
     def forget(self) -> None:
-        """Drop what waits."""
+        """Drop what waits, and the answer to what is under way."""
         with self._changed:
+            self._generation += 1
             self._requests.clear()
             self._answers.clear()
 
@@ -94,7 +96,7 @@ class RehearsalThread:
                     self._changed.wait()
                 if self._stopping:
                     return
-                request = self._requests.popleft()
+                request, generation = self._requests.popleft(), self._generation
             began, found, problem = time.thread_time(), None, ""
             try:
                 found = request.simulate(request.prepare())
@@ -103,4 +105,5 @@ class RehearsalThread:
             except Exception as err:  # a defect must not end the thread, the node reports it
                 problem = f"{type(err).__name__}: {err}"
             with self._changed:
-                self._answers.append(Answer(found, problem, time.thread_time() - began))
+                if generation == self._generation:
+                    self._answers.append(Answer(found, problem, time.thread_time() - began))
