@@ -25,6 +25,24 @@ LARGEST_YAML = 10_000_000
 """Bytes; a parameter file has some thousand."""
 
 
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
+    """YAML's safe loader; a whole number that no floating-point number can hold is none."""
+
+
+def _whole_number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
+    """The value of a whole number, which readers then take as a float without a further check."""
+    value = int(loader.construct_yaml_int(node))
+    try:
+        float(value)
+    except OverflowError as err:
+        problem = "a whole number that is too large"
+        raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from err
+    return value
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _whole_number)
+
+
 def write_bytes(path: Path | str, data: bytes) -> None:
     """Write a file, so that whoever reads it sees the old one or the whole new one.
 
@@ -81,7 +99,7 @@ def read_yaml(path: Path, kind: type[InputError] = InputError) -> Any:
     try:
         text = data.decode()
         _check_events(text, path, kind)
-        tree = yaml.safe_load(text)
+        tree = yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as err:
         at = f"line {err.problem_mark.line + 1}: " if err.problem_mark else ""
         raise kind(f"{path}: is no valid YAML ({at}{err.problem})") from err

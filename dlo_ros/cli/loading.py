@@ -156,7 +156,7 @@ def load_information(path: Path) -> FloatArray:
         information = np.array(tree["information"]["matrix"], dtype=float)
     except OSError as err:
         raise InputError(f"{path}: cannot be read ({err.strerror})") from err
-    except (ValueError, KeyError, TypeError) as err:
+    except (ValueError, KeyError, TypeError, OverflowError) as err:
         raise InputError(
             f"{path}: holds no information on parameters; give an estimate.json of identify"
         ) from err

@@ -19,6 +19,7 @@ from dlo_ros.command import END, NANOSECONDS, NORM, START, UNIT, Command, check_
 from dlo_ros.errors import CommandError, InputError
 from dlo_ros.files import read_yaml
 from dlo_ros.parameters import Settings
+from dlo_ros.recordings.message_building import LAST_SECOND
 from dlo_ros.recordings.messages import MAX_DISTANCE, read_command
 from dlo_ros.spline import FloatArray
 
@@ -75,9 +76,15 @@ def _message(tree: Mapping[str, Any], settings: Settings) -> Command:
         points=[_point(p) for p in _sequence(defaults["points"], "points")],
     )
     try:
-        return read_command(message, settings, BEGIN)
-    except (AttributeError, TypeError, ValueError) as err:
+        command = read_command(message, settings, BEGIN)
+    except (AttributeError, TypeError, ValueError, OverflowError) as err:
         raise CommandError(f"is no trajectory: {err}") from err
+    if not 0 <= command.stamp // NANOSECONDS <= LAST_SECOND:
+        raise CommandError(
+            f"header.stamp is {command.stamp // NANOSECONDS} s; a ROS message can carry 0 to "
+            f"{LAST_SECOND} s"
+        )
+    return command
 
 
 def _point(tree: Any) -> SimpleNamespace:

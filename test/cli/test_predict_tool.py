@@ -142,9 +142,10 @@ def test_an_estimate_gives_the_band(tmp_path, capsys):
                         "[0,0,0,9]]}}")  # fmt: skip
     assert tried(tmp_path, "--estimate", str(estimate))[1] == 0
     assert "move the DLO by" in capsys.readouterr().out
-    estimate.write_text("{}")
-    assert tried(tmp_path, "--estimate", str(estimate), "--force")[1] == 2
-    assert "estimate.json: holds no information" in capsys.readouterr().err
+    for unusable in ("{}", '{"information": {"matrix": [[' + "9" * 400 + "]]}}"):
+        estimate.write_text(unusable)
+        assert tried(tmp_path, "--estimate", str(estimate), "--force")[1] == 2
+        assert "estimate.json: holds no information" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

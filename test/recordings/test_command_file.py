@@ -118,6 +118,8 @@ HEAD = "time,start.x,start.z,start.angle\n"
         ("joint_names: [start]\npoints: [{transforms: []}]", "m.yaml", "0 transforms for 1 names"),
         ("joint_names: [start]\npoints: [{transforms: [{translation: {x: a}}]}]", "m.yaml",
          "is no trajectory"),
+        ("joint_names: [start]\nheader: {stamp: {sec: 99999999999}}\npoints: [{transforms: [{}]}]",
+         "m.yaml", "header.stamp is 99999999999 s"),
         (": : :", "m.yaml", "m.yaml"),
         ("", "m.csv", "no header"),
         (HEAD, "m.csv", "no header with a line of numbers"),

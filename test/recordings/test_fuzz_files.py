@@ -242,6 +242,7 @@ BOMBS = {
     "no such day": "/**: {ros__parameters: {rod: {length: 2024-13-45}}}\n",
     "python": "!!python/object/apply:os.system ['touch hacked']\n",
     "digits": "/**: {ros__parameters: {rod: {length: " + "9" * 10_000 + "}}}\n",
+    "no float": "/**: {ros__parameters: {rod: {length: " + "9" * 400 + "}}}\n",
     "exponent": "/**: {ros__parameters: {rod: {length: 1.0e+9999}}}\n",
     "list as key": "? [a, b]\n: 1\n",
     "binary": "/**: {ros__parameters: {rod: {length: !!binary 'a'}}}\n",
