@@ -17,6 +17,11 @@ from dlo_ros.parameter_table import TABLE
 
 LOG = logging.getLogger(__name__)
 
+ALIKE = 0.85
+"""Similarity (difflib's ratio) from which an unknown name is taken for a known one mistyped."""
+
+EFFECTS = PREFIX.rstrip(".")
+
 
 def parameter_blocks(path: Path) -> list[dict[Any, Any]]:
     """The content of each `ros__parameters` of a ROS 2 parameter file.
@@ -58,8 +63,11 @@ def read_parameter_file(path: Path) -> dict[str, Any]:
         if name in TABLE or name.startswith(PREFIX) or of_cameras(name):
             continue
         # Other nodes' parameters may stand beside ours; a name like one of ours gives a warning.
-        near = get_close_matches(name, TABLE, n=1, cutoff=0.85)
-        if near or name.split(".")[0] in groups:
+        near = get_close_matches(name, TABLE, n=1, cutoff=ALIKE)
+        group, _, rest = name.partition(".")
+        if rest and get_close_matches(group, [EFFECTS], cutoff=ALIKE):
+            near = [f"{PREFIX}{rest}"]
+        if near or group in groups:
             meant = f"; is {near[0]} meant?" if near else ""
             LOG.warning("%s: unknown parameter %s is ignored%s", path, name[:80], meant)
     return values

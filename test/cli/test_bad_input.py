@@ -51,6 +51,17 @@ def test_parameter_files_are_checked(key, value, message, tmp_path):
         Settings.load(file)
 
 
+@pytest.mark.parametrize("block", ["effect", "efects"])
+def test_a_mistyped_block_of_effects_is_told(block, tmp_path, caplog):
+    """Else the plain model would run in place of the extended one, without a word."""
+    file, values = tmp_path / "params.yaml", {**GOOD, f"{block}.clamp_angle.start": 0.1}
+    lines = [f"    {name}: {number}" for name, number in values.items()]
+    file.write_text("\n".join(["/**:", "  ros__parameters:", *lines]) + "\n")
+    assert Settings.load(file).effects == {}
+    said = f"parameter {block}.clamp_angle.start is ignored; is effects.clamp_angle.start meant?"
+    assert said in caplog.text
+
+
 def _yaml(value):
     names = {"nan": ".nan", "inf": ".inf"}
     if isinstance(value, list):
