@@ -23,6 +23,7 @@ from dlo_ros.cli.loading import load_information, prepare
 from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import add_results_folder, check_results_folder
 from dlo_ros.command import CONTROL_POINT, END, START, Command
+from dlo_ros.effects.registry import STD
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.files import write_text
 from dlo_ros.identification.design.expected_information import Noise, Plan, at_equilibrium
@@ -37,7 +38,7 @@ from dlo_ros.identification.design.manipulation_search import (
 )
 from dlo_ros.identification.design.standard_manipulations import standard
 from dlo_ros.identification.estimate import search_information
-from dlo_ros.parameters import Settings
+from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.report.design import DesignedExperiment, DesignReport, write_design_report
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.synthesis.experiment import Experiment, find_experiment, load_experiment
@@ -279,24 +280,24 @@ def experiment_text(
         what: what the manipulation is best for, in words.
     """
     parameters: dict[str, Any] = {}
+    guess: dict[str, Any] = {}
+    stated = {f"{EFFECTS_PREFIX}{name}{STD}" for name in settings.tolerances}
     for name, value in settings.flat().items():
-        group, _, key = name.partition(".")
-        if group in ("rod", "damping", "camera", "effects", "gravity"):
-            plain = list(value) if isinstance(value, tuple) else value
-            if not key:
-                parameters[group] = plain
-                continue
-            node = parameters.setdefault(group, {})
-            *inner, last = key.split(".")
-            for part in inner:
-                node = node.setdefault(part, {})
-            node[last] = plain
+        *groups, key = name.split(".")
+        if (groups or [key])[0] not in ("rod", "damping", "camera", "effects", "gravity"):
+            continue
+        # A tolerance is what an experimenter states, and nothing that a rope has.
+        node = guess if name in stated else parameters
+        for group in groups:
+            node = node.setdefault(group, {})
+        node[key] = list(value) if isinstance(value, tuple) else value
     motion = {}
     for name, rows in imposed(candidate, workspace.duration, settings.rod.control_points).items():
         motion[name] = [_point(row, name in (START, END)) for row in rows]
     tree = {
         "name": "searched",
         "parameters": parameters,
+        **({"guess": guess} if guess else {}),
         "duration": workspace.duration,
         "initial_shape": np.round(rough_shape(candidate, settings.rod.length), 5).tolist(),
         "motion": motion,

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import measured
 import numpy as np
 import pytest
+import yaml
 from challenge.generate import _recordings
 from challenge.manipulations import carry, swing, wave
 from experiment_recordings import recorded
@@ -199,6 +200,18 @@ def test_candidates_keep_within_the_workspace(kind):
         candidate = varied(candidate, 0.3, PLACE, 0.4, rng)
 
 
+def test_an_experiment_that_is_found_states_the_tolerances_of_the_set_up():
+    """They are no part of the rope, and are known of the next recording, too."""
+    candidate = draw("free", PLACE, 0.4, np.random.default_rng(3))
+    known = {"effects.clamp_angle.start": 0.02, "effects.clamp_angle.start_std": 0.01}
+    settings = Settings.from_mapping(PAPER.flat() | known)
+    made = read_experiment(
+        yaml.safe_load(experiment_text(candidate, PLACE, settings, Noise(), "x")), "found", "test"
+    )
+    assert made.hidden.number("clamp_angle", "start") == 0.02
+    assert made.guess.tolerances == {"clamp_angle.start": 0.01} and not made.guess.effects
+
+
 @pytest.mark.slow
 def test_the_search_beats_what_was_given_and_can_be_made():
     candidate, best = search(
@@ -206,8 +219,6 @@ def test_the_search_beats_what_was_given_and_can_be_made():
     )
     assert best.gain > outlook(bundled("c_shape"), PAPER).gain
     tree = experiment_text(candidate, PLACE, PAPER, Noise(), "the best")
-    import yaml
-
     made = read_experiment(yaml.safe_load(tree), "searched", "test")
     build_simulation(made, edges=60)  # settles
     assert made.truth.rod == PAPER.rod
