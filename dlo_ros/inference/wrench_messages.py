@@ -16,8 +16,9 @@ from dlo_ros.spline import FloatArray
 LONGEST_WINDOW = 0.05
 """Time to either side of a shape [s] from which forces are brought to its instant: a motion of 1 Hz
 is then followed to 0.1 %."""
-QUADRATIC = 5
-"""Messages in a window from which its values follow a parabola; from three on, a line."""
+QUADRATIC = 3
+"""Messages in a window from which its values follow a parabola: a line through three of 100 Hz
+would flatten a DLO's own swings, those of 8 Hz by a tenth."""
 LACKING = 0.05
 """Prior standard deviation of what the model lacks, over the weight or the largest force: it is
 rather explained."""

@@ -158,6 +158,17 @@ def test_forces_are_brought_to_the_instants_of_shapes():
     assert found[(at > 0.55) & (at < 0.95)].all()
 
 
+def test_a_swing_of_eight_hertz_is_not_flattened():
+    """Three messages of 100 Hz stand about a shape of 30 Hz: their mean would lack a tenth."""
+    stamps = np.arange(0, 2_000_000_000, 10_000_000)
+    table = np.zeros((len(stamps), 6))
+    table[:, 2] = np.sin(16.0 * np.pi * stamps * 1e-9)
+    shapes = [round(k / 30.0 * 1e9) for k in range(2, 50)]
+    values, _, _ = near(sensor_of(table, stamps), shapes)
+    swing = np.sin(16.0 * np.pi * np.array(shapes) * 1e-9)
+    np.testing.assert_allclose(values[:, 2], swing, atol=0.01)
+
+
 def artificial(offset: float, rng: np.random.Generator, waving: float) -> WrenchField:
     """A force that is a scale times (1 + a wave), with noise and an offset of unit prior."""
     time = np.linspace(0.0, 1.0, 60)
