@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -202,10 +202,15 @@ class Settings(RodSettings):
         """Write a parameter file that nodes and tools load as it is."""
         write_text(path, self.text(comment))
 
-    def text(self, comment: str = "") -> str:
-        """Content of a parameter file that nodes and tools load as it is."""
+    def text(self, comment: str = "", without: Collection[str] = ()) -> str:
+        """Content of a parameter file that nodes and tools load as it is.
+
+        Args:
+            without: names of parameters that it shall not state.
+        """
         lines = "".join(f"# {line}\n" for line in comment.splitlines())
-        return f"{HEADER}\n{lines}{parameter_lines(self.flat())}{END}\n"
+        values = {name: x for name, x in self.flat().items() if name not in without}
+        return f"{HEADER}\n{lines}{parameter_lines(values)}{END}\n"
 
     @property
     def command_delay(self) -> float:

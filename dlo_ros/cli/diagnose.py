@@ -8,7 +8,13 @@ import os
 from pathlib import Path
 
 from dlo_ros.cli.diagnosis_output import summary, write_results
-from dlo_ros.cli.loading import add_model_arguments, load_all, load_settings, prepare
+from dlo_ros.cli.loading import (
+    add_model_arguments,
+    load_all,
+    load_settings,
+    prepare,
+    unstated,
+)
 from dlo_ros.cli.loads import borne
 from dlo_ros.cli.progress import progress_bar, steps
 from dlo_ros.cli.results import add_results_folder, check_results_folder, written
@@ -61,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
         found = diagnose(recordings, settings, holdout, progress=steps(bar, task))
     with written(output):
         loads = borne([*recordings, *holdout], found.extended.settings)
-        write_results(output, settings, found, loads)
+        write_results(output, settings, found, loads, unstated(arguments))
     for line in summary(found, settings.rod.length, output):
         print(line)
     print(f"\n{output / 'report.html'} shows all of it with pictures, report.json is for programs.")

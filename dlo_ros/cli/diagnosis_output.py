@@ -8,7 +8,7 @@ import json
 import math
 import shlex
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -49,8 +49,9 @@ WIDTH = 98
 
 
 def write_results(
-    output: Path, settings: Settings, found: Diagnosis, loads: Sequence[LoadRow] = ()
-) -> None:
+    output: Path, settings: Settings, found: Diagnosis, loads: Sequence[LoadRow] = (),
+    without: Collection[str] = (),
+) -> None:  # fmt: skip
     """Write report.json, extended.yaml and report.html into a folder.
 
     Args:
@@ -58,13 +59,14 @@ def write_results(
         settings: the initial guess.
         found: the result.
         loads: loads on the DLO in the recordings.
+        without: names of parameters that extended.yaml shall not state.
     """
     output.mkdir(parents=True, exist_ok=True)
     write_text(output / REPORT, json.dumps(tree(found), indent=2, allow_nan=False) + "\n")
     extended = found.extended
     comment = "Extended by dlo_ros diagnose; nodes and tools load this file as it is."
     model = with_std(extended.settings, extended.specific_modulus[1])
-    write_text(output / EXTENDED, model.text(comment))
+    write_text(output / EXTENDED, model.text(comment, without))
     write_diagnosis_report(output / "report.html", report(found, settings, loads))
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,13 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.cli.identify_results import report, summary, tree
-from dlo_ros.cli.loading import add_model_arguments, load_all, load_settings, prepare
+from dlo_ros.cli.loading import (
+    add_model_arguments,
+    load_all,
+    load_settings,
+    prepare,
+    unstated,
+)
 from dlo_ros.cli.progress import progress_bar, steps
 from dlo_ros.cli.results import add_results_folder, check_results_folder, with_std, written
 from dlo_ros.effects import quantities
@@ -109,7 +115,8 @@ def run(arguments: argparse.Namespace) -> int:
             found = identify(train, settings, validate, progress=progress, pool=pool)
             sampled, redrawn = _more(arguments, train, settings, found, pool, progress)
     with written(output):
-        write_results(output, settings, found, [*train, *validate], sampled, redrawn)
+        shown = [*train, *validate]
+        write_results(output, settings, found, shown, sampled, redrawn, unstated(arguments))
     for line in summary(found):
         print(line)
     print(f"written to {output}: estimate.json, estimate.yaml, report.html")
@@ -217,6 +224,7 @@ def write_results(
     recordings: Sequence[Manipulation],
     sampled: Sample | None = None,
     redrawn: FloatArray | None = None,
+    without: Collection[str] = (),
 ) -> None:
     """Write estimate.json, estimate.yaml and report.html into a folder.
 
@@ -226,12 +234,13 @@ def write_results(
         found: the result, recordings in the order given here.
         recordings: the recordings that the estimate comes from.
         sampled, redrawn: see `tree`.
+        without: names of parameters that estimate.yaml shall not state.
     """
     output.mkdir(parents=True, exist_ok=True)
     text = json.dumps(tree(found, sampled, redrawn), indent=2, allow_nan=False)
     write_text(output / "estimate.json", text + "\n")
     comment = "Estimated by dlo_ros identify; nodes and tools load this file as it is."
     made = with_std(found.estimate.settings, found.estimate.specific_modulus_std)
-    write_text(output / "estimate.yaml", made.text(comment))
+    write_text(output / "estimate.yaml", made.text(comment, without))
     shown = report(settings, found, recordings)
     write_identification_report(output / "report.html", shown)

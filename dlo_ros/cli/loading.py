@@ -41,6 +41,7 @@ from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
+START = "simulation.start"
 GAPS_TOLD = 3
 """Places of lost pictures that are named."""
 
@@ -118,8 +119,17 @@ def load_recordings(
     found = [load_manipulation(bag, settings) for bag in bags]
     if arguments.start or settings.simulation.start != "equilibrium":
         return found
-    stated = "simulation.start" in parameter_values(arguments.params)
+    stated = not unstated(arguments)
     return [_as_it_begins(m, settings.rod.length, stated=stated) for m in found]
+
+
+def unstated(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Names of parameters that results must not state, since nothing given to a tool does.
+
+    Without `simulation.start` each recording begins as it shows.
+    """
+    stated = arguments.start or START in parameter_values(arguments.params)
+    return () if stated else (START,)
 
 
 def _as_it_begins(manipulation: Manipulation, length: float, *, stated: bool) -> Manipulation:

@@ -1,12 +1,14 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """How a recording begins: in equilibrium, let go, or in motion; and what the tools make of it."""
 
+import argparse
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import yaml
 
+from dlo_ros.cli.loading import unstated
 from dlo_ros.cli.main import main
 from dlo_ros.command import Command
 from dlo_ros.diagnosis.explain.measurement_error import own_err
@@ -16,6 +18,7 @@ from dlo_ros.inference.forecast import Manipulation, forecast
 from dlo_ros.inference.joint import evaluate
 from dlo_ros.inference.measured import measured
 from dlo_ros.observation import Observation
+from dlo_ros.parameter_file import parameter_values
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import BAG_MESSAGES, BagWriter, command_message, spline_message, topics
 from dlo_ros.recordings.bag import TYPESTORE, open_bag
@@ -114,8 +117,8 @@ def predicted(path):
         ]
 
 
-def test_predict_starts_a_swing_where_it_was_let_go(tmp_path, caplog):
-    bag, file = tmp_path / "swing", tmp_path / "params.yaml"
+def written(bag):
+    """The recording of a swing."""
     swing = recording(LET_GO)
     with BagWriter(bag) as writer:
         message = command_message(BAG_MESSAGES, swing.commands[0])
@@ -123,6 +126,11 @@ def test_predict_starts_a_swing_where_it_was_let_go(tmp_path, caplog):
         for o in swing.observations:
             message = spline_message(BAG_MESSAGES, o.stamp, "board", o.control_points)
             writer.write(topics.OBSERVED, message, o.stamp)
+
+
+def test_predict_starts_a_swing_where_it_was_let_go(tmp_path, caplog):
+    bag, file = tmp_path / "swing", tmp_path / "params.yaml"
+    written(bag)
 
     def first_err(name, *words):
         out = tmp_path / f"{name}.mcap"
@@ -139,6 +147,28 @@ def test_predict_starts_a_swing_where_it_was_let_go(tmp_path, caplog):
     caplog.clear()
     assert first_err("stated") > 0.05 * LENGTH
     assert "try --start observed" in caplog.text
+
+
+def test_results_state_no_start_that_the_tool_has_found_itself(tmp_path, capsys):
+    """A recording that began in motion would be predicted from rest by what it gave."""
+    bag, file = tmp_path / "swing", tmp_path / "params.yaml"
+    written(bag)
+    block = {k: v for k, v in ROD.flat().items() if k != "simulation.start"}
+    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": block}}))
+
+    def stated(name, *words):
+        call = ["identify", "--params", str(file), "--output", str(tmp_path / name), *words]
+        assert main([*call, str(bag)]) == 0
+        found = parameter_values(tmp_path / name / "estimate.yaml")
+        assert found["rod.length"] == LENGTH and capsys.readouterr()
+        return found.get("simulation.start")
+
+    assert stated("open") is None
+    assert stated("told", "--start", "observed") == "observed"
+    given = argparse.Namespace(start=None, params=file)
+    assert unstated(given) == ("simulation.start",)
+    file.write_text(ROD.text())
+    assert unstated(given) == ()
 
 
 @pytest.mark.parametrize(("begins", "turning", "still"), [(0, 1.0, 1), (5, 1.0, 6), (5, 0.0, 12)])
