@@ -99,7 +99,7 @@ def read_yaml(path: Path, kind: type[InputError] = InputError) -> Any:
     try:
         text = data.decode()
         _check_events(text, path, kind)
-        tree = yaml.load(text, Loader=_Loader)
+        tree = _Loader(text).get_single_data()
     except yaml.MarkedYAMLError as err:
         at = f"line {err.problem_mark.line + 1}: " if err.problem_mark else ""
         raise kind(f"{path}: is no valid YAML ({at}{err.problem})") from err
