@@ -117,7 +117,7 @@ def rows(effect: NamedEffect, length: float) -> list[tuple[str, str, str]]:
 
 
 def remedies(causes: Sequence[NamedEffect]) -> tuple[str, ...]:
-    """What a person can do by hand about causes and their rivals, a sentence or two for each."""
+    """Remedies by hand for causes and their rivals, a sentence or two for each."""
     named = {e.name: title(e.name, clear_side(e)) for e in causes}
     named |= {r: title(r) for e in causes for r in e.rivals if r not in named}
     told = [f"{what}: {remedy(name)}" for name, what in named.items() if remedy(name)]

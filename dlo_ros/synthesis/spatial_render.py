@@ -198,7 +198,7 @@ class SpatialRenderer:
         new = np.ones(len(flat), dtype=np.bool_)
         new[1:] = (np.diff(flat) != 0) | (np.diff(places[sample]) > STRAND * self.radius)
         strand = np.cumsum(new) - 1
-        # Of samples that are all as far beside a pixel, the first would lie ahead of it.
+        # The first of samples that are all as far beside a pixel would lie ahead of it.
         best = np.lexsort((gap[order], strand))
         best = best[np.concatenate([[True], np.diff(strand[best]) != 0])] if len(best) else best
         flat, sample, distance, cover = (a[best] for a in (flat, sample, distance, cover))

@@ -387,6 +387,6 @@ def test_causes_stand_by_their_share():
     made = case(causes=[MASS, turned])
     assert headline(made).index("tilt") < headline(made).index("mass")
     (_, why, _) = answers(made)
-    # What a share is stands before the first of them.
+    # The meaning of a share stands before the first of them.
     assert why.index("The share of each cause, in") < why.index("80 %") < why.index("71 %")
     assert "The share of each cause" not in answers(case())[1]

@@ -29,7 +29,7 @@ def test_every_effect_says_what_it_is():
         if effect.__module__.startswith("dlo_ros"):
             assert effect.title and effect.phrase, name
             assert effect.group in GROUPS, name
-            # What a person can do about it: short, and whole sentences.
+            # Remedies are short, and whole sentences.
             assert 0 < len(effect.remedy) < 110 and effect.remedy.endswith("."), name
             assert effect.remedy[0].isupper(), name
             mentioned = re.findall(r"(?:effects|rod|command|damping)\.\w+", effect.remedy)

@@ -52,7 +52,7 @@ def recording():
 
 @pytest.mark.parametrize("later", [0, -200_000_000])
 def test_a_command_that_was_replaced_before_it_began_is_not_exported(params, tmp_path, later):
-    """Of two with one stamp the later received one holds; one with an earlier stamp drops both."""
+    """The later received one of two with one stamp holds; one with an earlier stamp drops both."""
     (first, second), seen = recording()
     commands = (first, second, replace(first, stamp=second.stamp + later))
     with BagWriter(tmp_path / "bag") as writer:

@@ -48,7 +48,7 @@ def _across(
     inside = (x >= 0) & (y >= 0) & (x < wide) & (y < height)
     depth = image[y.clip(0, height - 1), x.clip(0, wide - 1)].astype(np.float64)
     known = inside & (depth > NEAREST) & (depth < FARTHEST)
-    # Beside its middle the surface lies further back.
+    # The surface lies further back beside its middle.
     depth = np.where(known, depth - radius * (1.0 - np.sqrt(1.0 - (2.0 * CORE) ** 2)), np.inf)
     ordered, number = np.sort(depth, axis=1), known.sum(axis=1)
     rows = np.arange(len(points))
@@ -94,7 +94,7 @@ def course_depth(image: Depths, course: FloatArray, width: float, radius: float)
     filled = np.interp(np.arange(len(depth)), known, depth[known])
     spacing = max(float(np.median(np.hypot(*np.diff(course, axis=0).T))), 1e-3)
     size = 2 * max(1, round(0.5 * MEDIAN * width / spacing)) + 1
-    # Beside a free end the last depths are those of what is behind: repeated, they would prevail.
+    # The last depths beside a free end are of what is behind: repeated, they would prevail.
     smooth = median_filter(filled, size=size, mode="reflect")
     kernel = np.ones(size) / size
     padded = np.pad(smooth, size // 2, mode="edge")
