@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from dlo_ros.command import END, NANOSECONDS, NORM, START, UNIT, Command, Motion
+from dlo_ros.command import END, NANOSECONDS, NORM, START, UNIT, Command
 from dlo_ros.errors import CommandError, InputError
 from dlo_ros.files import write_text
 from dlo_ros.observation import CentrelinePoints, Observation, Wrenches
@@ -234,10 +234,7 @@ def write_csv(
     table = [[o.stamp, *o.control_points.ravel().tolist()] for o in observations]
     write_table(folder / OBSERVED_FILE, [STAMP, *spline_columns(n)], table)
     lines: list[list[object]] = []
-    held = Motion()
-    for command in commands:
-        held.add(command)
-    for c in held.commands:  # what was replaced before it began would be in the way of the others
+    for c in commands:
         for i, time in enumerate(c.times):
             for k, name in enumerate(c.names):
                 speed = c.velocities[i, k]
