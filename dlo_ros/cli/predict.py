@@ -95,8 +95,7 @@ def _follow(arguments: argparse.Namespace, settings: Settings) -> int:
         warn_of_instability(found, manipulation.name)
         copy_topics(bag, writer, exclude=(*WRITTEN_TOPICS, *_images()))
         # A recording goes on with its own stamps, also where they lack time.
-        gaps = manipulation.gaps
-        stamps = stated_stamps(found.stamps, gaps) if gaps else found.stamps
+        stamps = stated_stamps(found.stamps, manipulation.gaps)
         for k, stamp in enumerate(int(stamp) for stamp in stamps):
             _write(writer, settings, stamp, found.predicted[k], found.loadings[k : k + 1])
             writer.write(topics.ERR, float_message(BAG_MESSAGES, float(found.err[k])), stamp)

@@ -37,11 +37,9 @@ def apparent_start(manipulation: Manipulation, length: float) -> str | None:
     seen = manipulation.observations[:PICTURES]
     if len(seen) < PICTURES:
         return None
-    points = len(seen[0].control_points)
-    if any(len(o.control_points) != points for o in seen):
+    r = points_along(seen)
+    if r is None:
         return None
-    evaluation = SplineBasis(points, length).matrix(np.linspace(0.0, length, POINTS))
-    r = evaluation @ np.array([o.control_points[:, :3] for o in seen])
     times = np.array([o.stamp - seen[0].stamp for o in seen]) * 1e-9
     steps = np.diff(r, axis=0)
     lengths = np.linalg.norm(steps, axis=2)
@@ -60,6 +58,19 @@ def apparent_start(manipulation: Manipulation, length: float) -> str | None:
     # `observed` leaves out the velocity at first, `moving` what is gained in half an interval.
     gained = (velocity[1] - velocity[0]) * middle[0] / (middle[1] - middle[0])
     return "observed" if _size(velocity[0] - gained) < _size(gained) else "moving"
+
+
+def points_along(observations: Sequence[Observation]) -> FloatArray | None:
+    """Points evenly spaced along u of observed shapes [m], shape (F, POINTS, 3).
+
+    Returns:
+        None where their numbers of control points differ.
+    """
+    shapes = [o.control_points[:, :3] for o in observations]
+    if len({len(shape) for shape in shapes}) != 1:
+        return None
+    values = SplineBasis(len(shapes[0]), 1.0).matrix(np.linspace(0.0, 1.0, POINTS))
+    return np.asarray(values @ np.array(shapes))
 
 
 def frames_at_rest(manipulation: Manipulation, length: float) -> int:

@@ -15,11 +15,11 @@ from dataclasses import replace
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command
-from dlo_ros.inference.first_motion import POINTS
+from dlo_ros.inference.first_motion import points_along
 from dlo_ros.inference.forecast import Manipulation, motion_of
 from dlo_ros.inference.lost_time import Gap, Stamps, true_stamps
 from dlo_ros.inference.thresholds import MUCH_LARGER
-from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.spline import FloatArray
 
 
 def lost_pictures(manipulation: Manipulation) -> tuple[Gap, ...]:
@@ -34,11 +34,12 @@ def lost_pictures(manipulation: Manipulation) -> tuple[Gap, ...]:
         manipulation: commands that were recorded with the pictures, and observed shapes.
     """
     stamps = np.array([o.stamp for o in manipulation.observations], dtype=np.int64)
-    tracks = _imposed(manipulation), _observed(manipulation)
-    if len(stamps) < 5 or any(t is None for t in tracks) or np.any(np.diff(stamps) <= 0):
+    imposed, shapes = _imposed(manipulation), points_along(manipulation.observations)
+    if len(stamps) < 5 or imposed is None or shapes is None or np.any(np.diff(stamps) <= 0):
         return ()
     taken = (np.diff(stamps) / NANOSECONDS)[:, None]
-    speeds = [np.diff(t, axis=0) / taken for t in tracks if t is not None]
+    tracks = imposed, shapes.reshape(len(stamps), -1)
+    speeds = [np.diff(track, axis=0) / taken for track in tracks]
     here, around = [v[1:-1] for v in speeds], [0.5 * (v[:-2] + v[2:]) for v in speeds]
     longer = [
         np.rint(np.sum(v * e, axis=1) / np.maximum(np.sum(e * e, axis=1), np.finfo(float).tiny))
@@ -64,7 +65,7 @@ def with_lost_time(manipulation: Manipulation, gaps: Sequence[Gap]) -> Manipulat
     """A manipulation with the time put back that lost pictures took.
 
     Args:
-        gaps: by growing stamp, at least one.
+        gaps: by growing stamp.
     """
 
     def true(stamps: Sequence[int] | Stamps) -> Stamps:
@@ -96,15 +97,6 @@ def _imposed(manipulation: Manipulation) -> FloatArray | None:
     if len({names for names, _ in poses}) != 1:
         return None
     return np.array([places.ravel() for _, places in poses])
-
-
-def _observed(manipulation: Manipulation) -> FloatArray | None:
-    """Coordinates of points along the DLO at each observation [m], shape (F, c); None: no basis."""
-    shapes = [o.control_points[:, :3] for o in manipulation.observations]
-    if len({len(shape) for shape in shapes}) != 1:
-        return None
-    values = SplineBasis(len(shapes[0]), 1.0).matrix(np.linspace(0.0, 1.0, POINTS))
-    return (values @ np.array(shapes)).reshape(len(shapes), -1)
 
 
 def _size(vectors: FloatArray) -> FloatArray:

@@ -38,12 +38,16 @@ def true_stamps(stamps: Stamps, gaps: Sequence[Gap]) -> Stamps:
         stamps: [ns], shape (k,).
         gaps: by growing stamp.
     """
+    if not gaps:
+        return stamps
     stated, true = _course(gaps)
     return stamps + _shift(stamps - stated[0], stated - stated[0], true - stated)
 
 
 def stated_stamps(stamps: Stamps, gaps: Sequence[Gap]) -> Stamps:
     """The inverse of `true_stamps`."""
+    if not gaps:
+        return stamps
     stated, true = _course(gaps)
     return stamps - _shift(stamps - true[0], true - true[0], true - stated)
 

@@ -101,6 +101,7 @@ def test_time_goes_on_evenly_within_a_gap():
     true = np.array([0, 100, 250, 400, 700, 800, 900, 1000])
     assert np.array_equal(true_stamps(stated, gaps), true)
     assert np.array_equal(stated_stamps(true, gaps), stated)
+    assert true_stamps(stated, ()) is stated_stamps(stated, ()) is stated
     exact = np.array([2**60 + 1, 2**60 + 3])
     assert np.array_equal(true_stamps(exact, (Gap(2**60, 2**60 + 1, 1),)), exact + 1)
 
