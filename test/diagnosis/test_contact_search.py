@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from challenge.generate import draw
-from field import spatial
+from field import generate, spatial
 from rods import PAPER
 
 from dlo_ros.cli.loading import load_manipulation
@@ -322,6 +322,22 @@ def test_a_hidden_wall_in_space_is_found(tmp_path):
     free = simulate(begun.before, beginning.recordings, ())
     hit = begun.before.extended("wall", begun.start.block, ())
     assert simulate(hit, beginning.recordings, ()).mean_err < 0.7 * free.mean_err
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_a_wall_is_found_off_which_an_unknown_soft_part_has_the_rope_rebound_otherwise(tmp_path):
+    """In all pictures after the hit the simulation is farther off with the wall than without."""
+    generate.draw(4986, 2, own_rope=True).write(tmp_path)
+    settings = Settings.load(tmp_path / "params.yaml")
+    bags = sorted(p for p in tmp_path.iterdir() if p.is_dir())
+    beginning = begin([load_manipulation(bag, settings) for bag in bags], settings)
+    causes = json.loads((tmp_path / "case.json").read_text())["causes"]
+    assert set(causes) == {"wall", "stiff_segment"}
+    walls = [b.start.block for b in looked_for(settings, beginning) if b.start.effect == "wall"]
+    assert walls
+    assert walls[0]["offset"] == pytest.approx(causes["wall"]["offset"], abs=0.01)
+    assert walls[0]["angle"] == pytest.approx(causes["wall"]["angle"], abs=0.1)
 
 
 @pytest.mark.slow
