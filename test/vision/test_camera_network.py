@@ -14,7 +14,7 @@ from dlo_ros.vision.calibration.camera_file import camera_file
 from dlo_ros.vision.calibration.camera_fit import Intrinsics
 from dlo_ros.vision.calibration.camera_network import calibrate_cameras
 from dlo_ros.vision.calibration.pattern_search import PatternView
-from dlo_ros.vision.calibration.patterns import parse_pattern
+from dlo_ros.vision.calibration.patterns import Charuco, parse_pattern
 
 PATTERN = parse_pattern("chessboard:7x5:0.02")
 LENS = Intrinsics(MATRIX, DISTORTION, "plumb_bob", *SIZE)
@@ -31,9 +31,9 @@ def sights():
         yield turned(*tilt), np.array([0.02 * (k - 1), 0.01 * k, 0.42 + 0.02 * k])
 
 
-def view(name, rotation, translation, rng, half_turn=False):
-    corners = np.arange(len(PATTERN.points))
-    points = PATTERN.points * ([-1.0, -1.0, 1.0] if half_turn else 1.0)
+def view(name, rotation, translation, rng, half_turn=False, pattern=PATTERN):
+    corners = np.arange(len(pattern.points))
+    points = pattern.points * ([-1.0, -1.0, 1.0] if half_turn else 1.0)
     pixels = pixels_of(points, rotation, translation) + rng.normal(0.0, 0.05, (len(points), 2))
     return PatternView(name, *SIZE, corners, pixels, 2.0)
 
@@ -70,6 +70,63 @@ def test_the_board_in_both_cameras():
     assert distance == pytest.approx(np.linalg.norm(ASIDE), abs=max(4.0 * std, 1e-4))
     assert 0.0 < std < 1e-3
     assert found.instants == 4 and found.rms < 0.12
+
+
+def rolled(pattern, angle, tilts, rng, farthest=0.0):
+    """Instants of a right camera that is turned about its axis by an angle [rad], and that turn.
+
+    A pattern that says which corner is which is never counted from the other end.
+    """
+    turn = Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix() @ ACROSS
+    told = isinstance(pattern, Charuco)
+    result = []
+    for k, tilt in enumerate(tilts):
+        rotation, away = turned(*tilt), 0.0 if k else farthest
+        translation = np.array([0.02 * (k - 1), 0.01 * k - 0.02, 0.42 + 0.02 * k + away])
+        there = turn @ rotation, turn @ translation + ASIDE
+        result.append(
+            {"left": view(f"l{k}", rotation, translation, rng, pattern=pattern),
+             "right": view(f"r{k}", *there, rng, k % 2 == 1 and not told, pattern)}
+        )  # fmt: skip
+    return result, turn
+
+
+def check_turn(found, turn):
+    left, right = (
+        Rotation.from_quat(found.poses[n].rotation).as_matrix() for n in ("left", "right")
+    )
+    assert Rotation.from_matrix(right @ left.T @ turn.T).magnitude() < 1.5e-3
+    assert found.distances["right"][0] == pytest.approx(np.linalg.norm(ASIDE), abs=5e-4)
+
+
+@pytest.mark.parametrize("angle", [1.0, 0.5 * np.pi, np.pi, -0.5 * np.pi])
+@pytest.mark.parametrize(
+    "text", ["chessboard:7x5:0.02", "chessboard:6x6:0.02", "charuco:7x5:0.02:0.015:5X5_100"]
+)
+def test_a_camera_may_be_mounted_turned(text, angle):
+    pattern = parse_pattern(text)
+    seen, turn = rolled(pattern, angle, TILTS, np.random.default_rng(4))
+    check_turn(calibrate_cameras(seen, 0, BOTH, pattern), turn)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_view_whose_tilt_is_ambiguous_does_not_mislead(seed):
+    """A small pattern seen from the front has two poses; the first instant has it."""
+    seen, turn = rolled(PATTERN, 0.0, TILTS, np.random.default_rng(seed), farthest=2.6)
+    check_turn(calibrate_cameras(seen, 1, BOTH, PATTERN), turn)
+
+
+def test_one_instant_tells_of_a_turned_camera_with_markers_only():
+    rng, markers = np.random.default_rng(5), parse_pattern("charuco:7x5:0.02:0.015:5X5_100")
+    seen, _ = rolled(PATTERN, 0.5 * np.pi, TILTS[1:2], rng)
+    with pytest.raises(InputError, match=r"'right' stands turned .* tilted otherwise in each"):
+        calibrate_cameras(seen, 0, BOTH, PATTERN)
+    seen, turn = rolled(markers, 0.5 * np.pi, TILTS[1:2], rng)
+    found = calibrate_cameras(seen, 0, BOTH, markers)
+    assert found.instants == 1
+    right = Rotation.from_quat(found.poses["right"].rotation).as_matrix()
+    left = Rotation.from_quat(found.poses["left"].rotation).as_matrix()
+    assert Rotation.from_matrix(right @ left.T @ turn.T).magnitude() < 0.02
 
 
 def test_pictures_of_other_instants_are_refused():

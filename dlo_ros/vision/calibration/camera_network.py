@@ -18,16 +18,18 @@ from scipy.spatial.transform import Rotation
 from dlo_ros.errors import InputError, VisionError
 from dlo_ros.parameters import CameraPose, Vector
 from dlo_ros.spline import FloatArray
-from dlo_ros.vision.calibration.board_pose import board_pose, check_view_size
+from dlo_ros.vision.calibration.board_pose import RIVAL, board_pose, check_view_size
 from dlo_ros.vision.calibration.camera_fit import Intrinsics, locate
 from dlo_ros.vision.calibration.pattern_search import PatternView
-from dlo_ros.vision.calibration.patterns import Pattern
+from dlo_ros.vision.calibration.patterns import Charuco, Pattern
+from dlo_ros.vision.camera.pinhole import Camera
 
 ROBUST = 1.0  # [px] beyond which a corner counts less
 STEPS = 30  # at most; from poses of single views a few suffice
 POOR = 1.0  # [px] root mean square distance of the corners, beyond which something is wrong
 NEAREST = 2e-3  # [m] two lenses are no nearer to each other than they are wide
-TURNED = np.radians(45.0)  # cameras are not turned about their axes by more, to one another
+TURNED = np.radians(45.0)  # by which cameras that are taken to stand alike may be turned
+UNSEEN = 1e4  # [px] where a place is taken to be seen that is not
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +60,18 @@ class _Sight:
     pixels: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class _Shared:
+    """An instant that the first camera and another one see: the pattern's rotation and translation
+    in both, places of the corners that the other one sees [m], and their pixels there.
+    """
+
+    first: tuple[FloatArray, FloatArray]
+    other: tuple[FloatArray, FloatArray]
+    flat: FloatArray
+    pixels: FloatArray
+
+
 def calibrate_cameras(
     instants: Sequence[Mapping[str, PatternView]],
     board: int,
@@ -79,7 +93,7 @@ def calibrate_cameras(
     Raises:
         InputError: a camera shares no instant with the first one, or the corners fit nothing.
     """
-    names = list(intrinsics)
+    names, turns = list(intrinsics), _turns(pattern)
     first = names[0]
     if first not in instants[board]:
         raise InputError(
@@ -89,12 +103,18 @@ def calibrate_cameras(
         {name: _located(view, pattern, intrinsics[name]) for name, view in views.items()}
         for views in instants
     ]
+    lenses = [intrinsics[name].camera() for name in names]
     relative = [np.zeros(6)]
-    for name in names[1:]:
-        shared = [p for p in poses if first in p and name in p]
+    for name, lens in zip(names[1:], lenses[1:], strict=True):
+        shared = [
+            _Shared(found[first], found[name], pattern.points[views[name].corners],
+                    views[name].pixels)
+            for views, found in zip(instants, poses, strict=True)
+            if first in found and name in found
+        ]  # fmt: skip
         if not shared:
             raise InputError(f"cameras '{first}' and '{name}' see the pattern in no common instant")
-        relative.append(_relative(shared[0][first], shared[0][name], name))
+        relative.append(_relative(shared, turns, lens, name))
     start: list[FloatArray] = []
     sights: list[_Sight] = []
     for views, found in zip(instants, poses, strict=True):
@@ -103,11 +123,10 @@ def calibrate_cameras(
         rotation, translation = found[first]
         for name, view in views.items():
             camera = names.index(name)
-            turn = _turn(relative[camera], rotation, found[name][0])
+            turn = _turn(relative[camera], rotation, found[name][0], turns)
             flat = pattern.points[view.corners] @ turn
             sights.append(_Sight(view.name, camera, len(start), flat, view.pixels))
         start.append(np.concatenate([Rotation.from_matrix(rotation).as_rotvec(), translation]))
-    lenses = [intrinsics[name].camera() for name in names]
     further = 6 * (len(names) - 1)
 
     def residual(unknown: FloatArray) -> FloatArray:
@@ -117,9 +136,7 @@ def calibrate_cameras(
         for sight in sights:
             points = _moved(patterns[sight.instant], sight.flat)
             points = _moved(cameras[sight.camera], points)
-            lens = lenses[sight.camera]
-            seen = lens.project((points - lens.translation) @ lens.rotation)
-            result.append((np.nan_to_num(seen, nan=1e4) - sight.pixels).ravel())
+            result.append((_seen(lenses[sight.camera], points) - sight.pixels).ravel())
         return np.concatenate(result)
 
     unknown = np.concatenate([*relative[1:], *start])
@@ -180,31 +197,84 @@ def _moved(pose: FloatArray, points: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_rotvec(pose[:3]).apply(points) + pose[3:])
 
 
-def _quarter(k: int) -> FloatArray:
-    return np.asarray(Rotation.from_euler("z", 0.5 * np.pi * k).as_matrix())
+def _seen(lens: Camera, points: FloatArray) -> FloatArray:
+    """Pixels of points in the camera's own frame, shape (m, 2); far away where it sees none."""
+    seen = lens.project((points - lens.translation) @ lens.rotation)
+    return np.nan_to_num(seen, nan=UNSEEN)
+
+
+def _turns(pattern: Pattern) -> list[FloatArray]:
+    """Rotations about the pattern's normal under which its corners look the same."""
+    step = 4 if isinstance(pattern, Charuco) else 1 if pattern.columns == pattern.rows else 2
+    return [Rotation.from_euler("z", 0.5 * np.pi * k).as_matrix() for k in range(0, 4, step)]
 
 
 def _relative(
-    one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray], name: str
+    shared: Sequence[_Shared], turns: Sequence[FloatArray], lens: Camera, name: str
 ) -> FloatArray:
     """Pose of the first camera in another one: rotation vector and translation.
 
-    A chessboard looks alike turned by a half: the cameras are taken to stand alike.
+    A pose of the pattern in one view may be its mirror image's, or turned by what the pattern does
+    not tell. So each instant proposes a pose for every such turn, and that counts under which the
+    corners of most instants lie where the other camera sees them. Where several do alike, as with a
+    single instant, the cameras are taken to stand alike.
+
+    Raises:
+        InputError: these stand turned to one another.
     """
-    turns = [other[0] @ _quarter(k) @ one[0].T for k in range(4)]
+    proposed = []
+    for view in shared:
+        (one, at), (other, there) = view.first, view.other
+        for turn in turns:
+            rotation = other @ turn @ one.T
+            proposed.append((rotation, there - rotation @ at))
+    errors = np.array([_misfit(*pose, shared, turns, lens) for pose in proposed])
+    likely = [proposed[k] for k in np.argsort(errors) if errors[k] <= RIVAL * errors.min()]
     # What counts is the turn about the optical axis, not how far the cameras look across.
-    roll = [abs(np.arctan2(t[1, 0] - t[0, 1], t[0, 0] + t[1, 1])) for t in turns]
-    best = turns[int(np.argmin(roll))]
-    if min(roll) > TURNED:
-        raise InputError(f"camera '{name}' stands turned to the first one; turn it upright")
-    return np.concatenate([Rotation.from_matrix(best).as_rotvec(), other[1] - best @ one[1]])
+    roll = [abs(np.arctan2(t[1, 0] - t[0, 1], t[0, 0] + t[1, 1])) for t, _ in likely]
+    upright = likely[int(np.argmin(roll))][0]
+    alike = [Rotation.from_matrix(t @ upright.T).magnitude() < TURNED for t, _ in likely]
+    rotation, translation = likely[alike.index(True)]
+    if min(roll) > TURNED and not all(alike):
+        raise InputError(
+            f"camera '{name}' stands turned to the first one, and the pictures do not tell how "
+            "far; take more pictures with both, the pattern tilted otherwise in each, or use a "
+            "ChArUco board"
+        )
+    return np.concatenate([Rotation.from_matrix(rotation).as_rotvec(), translation])
 
 
-def _turn(relative: FloatArray, first: FloatArray, own: FloatArray) -> FloatArray:
-    """The quarter turn by which a view counts the pattern's corners otherwise than the first's."""
+def _misfit(
+    rotation: FloatArray,
+    translation: FloatArray,
+    shared: Sequence[_Shared],
+    turns: Sequence[FloatArray],
+    lens: Camera,
+) -> float:
+    """Distance of corners from where a camera would see them [px], the median over instants.
+
+    Args:
+        rotation: rotation from the first camera's frame to this one's, shape (3, 3).
+        translation: position of the first camera in this one's frame [m], shape (3,).
+        shared: instants that both cameras see.
+        turns: turns under which the pattern looks the same.
+        lens: this camera.
+    """
+    found = []
+    for view in shared:
+        turned = [view.flat @ turn.T @ (rotation @ view.first[0]).T for turn in turns]
+        at = rotation @ view.first[1] + translation
+        error = _seen(lens, np.concatenate(turned) + at).reshape(len(turns), -1, 2) - view.pixels
+        found.append(np.sqrt(np.min(np.mean(np.sum(error**2, axis=2), axis=1))))
+    return float(np.median(found))
+
+
+def _turn(
+    relative: FloatArray, first: FloatArray, own: FloatArray, turns: Sequence[FloatArray]
+) -> FloatArray:
+    """The turn by which a view counts the pattern's corners otherwise than the first camera's."""
     expected = Rotation.from_rotvec(relative[:3]).as_matrix() @ first
-    fits = [float(np.trace(expected.T @ own @ _quarter(k))) for k in range(4)]
-    return _quarter(int(np.argmax(fits)))
+    return turns[int(np.argmax([np.trace(expected.T @ own @ turn) for turn in turns]))]
 
 
 def _pose(rotation: FloatArray, translation: FloatArray) -> CameraPose:
