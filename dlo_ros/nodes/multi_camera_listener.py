@@ -16,7 +16,7 @@ from dlo_ros.errors import VisionError
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.image_statistics import ImageStatistics
 from dlo_ros.nodes.message_factory import ROS_MESSAGES
-from dlo_ros.nodes.node_base import DloNode
+from dlo_ros.nodes.node_base import JUMP_BACK, DloNode
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.camera_bags import DEPTH
 from dlo_ros.recordings.image_building import image_message
@@ -136,6 +136,7 @@ class MultiCameraListener:
         self._hold_until = 0.0
         self._front = 0.0  # when the first of those that wait came to the front
         self._silent_since = -1  # last stamp of the robot's frames [ns]
+        self._last_stamps: dict[str, int] = {}  # [ns] by the cameras' names, and that of depth
         self._last_depth = -DEPTH_FRESH
         self._transports: dict[str, tuple[str, Any]] = {}
         self._overlays: dict[str, Any] = {}
@@ -153,9 +154,15 @@ class MultiCameraListener:
         """Forget the last shape and the images that wait."""
         self._together.clear()
         self._held.clear()
+        self._last_stamps.clear()
         self._sets.reset()
         if self._observer is not None:
             self._observer.reset()
+
+    @property
+    def last_stamp(self) -> int:
+        """The latest stamp of an image that was taken [ns]; 0 before the first."""
+        return max(self._last_stamps.values(), default=0)
 
     def build(self) -> None:
         """Apply changed settings from the next images on."""
@@ -228,6 +235,9 @@ class MultiCameraListener:
     def _add(self, name: str, message: Any) -> None:
         stamp = stamp_of(message)
         self._node.check_stamp(stamp, "image")
+        if stamp < self._last_stamps.get(name, stamp) - JUMP_BACK * NANOSECONDS:
+            self.reset()  # a recording begins again; what waits of the pass before has no partner
+        self._last_stamps[name] = stamp
         values = self._node.health.values
         for images in self._together.add(name, stamp, message):
             self._held.append(ImageSet(images))

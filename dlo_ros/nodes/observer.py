@@ -116,7 +116,7 @@ class ObserverNode(DloNode):
     def restart(self, now: int) -> None:
         """Time went back: later shapes predict nothing, and images that wait are dropped."""
         self._held.clear()
-        if self._last_stamp > now + JUMP_BACK * NANOSECONDS:
+        if max(self._last_stamp, self._views.last_stamp) > now + JUMP_BACK * NANOSECONDS:
             self.reset()
 
     def apply(self, settings: Settings) -> None:

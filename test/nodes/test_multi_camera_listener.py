@@ -210,6 +210,48 @@ def test_sets_that_were_lost_are_counted(listener):
     assert node.health.values["dropped images"] == len(lost)
 
 
+def shown(node, views, first, right_later):
+    """Play ten pairs of images; the instants that went to the observer."""
+    for k in range(10):
+        pair = [("left", first + 33 * k), ("right", first + 33 * k + right_later)]
+        for name, stamp in sorted(pair, key=lambda each: each[1]):
+            node.topics[f"{name}/image_raw"](image(stamp * MS))
+    return [frames["left"].stamp // MS - first for frames in views._observer.seen]
+
+
+@pytest.mark.parametrize("clock", [True, False])
+@pytest.mark.parametrize("right_later", [-5, 0, 5])
+def test_a_recording_that_begins_again_is_observed_again(listener, clock, right_later):
+    """Whether or not a clock says so; images of the first pass without partner are left over."""
+    from dlo_ros.nodes.observer import ObserverNode
+
+    node, views = listener(**{"vision.cameras": ["left", "right"]}, **BOTH)
+    views.poll()
+    for name in ("left", "right"):
+        node.topics[f"{name}/camera_info"](info())
+    first = shown(node, views, 100_000, right_later)
+    assert len(first) >= 9
+    views._observer.seen.clear()
+    if clock:
+        whole = SimpleNamespace(_held=[], _last_stamp=0, _views=views, reset=views.reset)
+        ObserverNode.restart(whole, 90_000 * MS)
+    assert shown(node, views, 90_000, right_later) == first
+
+
+def test_depth_images_of_the_pass_before_are_dropped(listener):
+    node, views = listener()
+    overlay = node.publisher("dlo/overlay", None)
+    for first in (100_000, 90_000):
+        for k in range(5):
+            stamp = (first + 33 * k) * MS
+            far = depth_message(BAG_MESSAGES, stamp, "eye", np.full((48, 64), 900, np.uint16))
+            node.topics["depth/image_raw"](far)
+            if k < 4:
+                views.take(image(stamp), read_camera_info(info()), overlay)
+    stamps = [frames[""].stamp // MS for frames in views._observer.seen]
+    assert stamps == [f + 33 * k for f in (100_000, 90_000) for k in range(4)]
+
+
 def test_images_that_came_while_others_were_worked_on_are_all_taken_in_order(listener):
     node, views = listener(**{"vision.cameras": ["left", "right"]}, **BOTH)
     views.poll()
