@@ -84,7 +84,7 @@ def test_reason_names_the_fault_of_the_picture():
     for picture, words in (
         (np.full_like(image, 255), "overexposed"),
         (image // 90, "too dark"),
-        (cv2.blur(image, (91, 91)), "blurred"),
+        (cv2.GaussianBlur(image, (0, 0), 15.0), "blurred"),
     ):
         with pytest.raises(VisionError, match=words):
             observer(xz, scene).observe(0, picture)
@@ -96,6 +96,15 @@ def test_good_pictures_have_no_fault():
     assert unusable(render(bow(), dark), 10.0) == ""
     assert unusable(render(bow(), replace(Scene(), blur=2.3)), 10.0) == ""
     assert unusable(np.full((540, 960, 3), 200, np.uint8), 10.0) == ""
+
+
+@pytest.mark.parametrize("degrees", [0.0, 3.0, 45.0, 87.0, 90.0])
+def test_a_sharp_picture_is_not_called_blurred_whichever_way_the_rope_lies(degrees):
+    angle, along = np.radians(degrees), np.linspace(-0.12, 0.12, 1001)
+    straight = np.column_stack([along * np.cos(angle), along * np.sin(angle)])
+    image = render(straight, Scene())
+    assert unusable(image, 10.0) == ""
+    assert unusable(cv2.GaussianBlur(image, (0, 0), 15.0), 10.0) == "the picture is blurred"
 
 
 def test_sharpest_turn_is_that_of_a_circle_and_of_a_corner():

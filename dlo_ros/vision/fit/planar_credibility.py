@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
@@ -38,7 +39,7 @@ DARK = 40.0  # [grey levels] the brightest that a picture shows which is too dar
 BLURRED = 0.7  # [widths] standard deviation of a blur that leaves no edges
 LEAST_EDGE = 8.0  # [grey levels] in a picture with less there is nothing to be blurred
 EDGES = 99.8  # [%] what is meant by the sharpest edges of a picture
-LOOKED_AT = 100  # rows of a picture that are looked at
+LOOKED_AT = 100  # rows, or columns, of a picture that are looked at
 
 
 class IncompleteError(VisionError):
@@ -170,23 +171,45 @@ def unusable(image: Image, width: float) -> str:
         image: BGR.
         width: expected width of the DLO [px].
     """
-    rows = image[:: max(1, image.shape[0] // LOOKED_AT)]
-    grey = np.asarray(cv2.cvtColor(np.ascontiguousarray(rows), cv2.COLOR_BGR2GRAY), np.float32)
+    grey = _some_rows(image)
     white = float(np.mean(grey >= BRIGHTEST))
     if white > SATURATED:
         return f"the picture is overexposed, {100 * white:.0f} % of it are saturated"
     black = float(np.mean(grey <= DARKEST))
     if black > SATURATED and np.percentile(grey, EDGES) < DARK:
         return f"the picture is too dark, {100 * black:.0f} % of it are black"
-    far = max(2, round(2.0 * width))
-    if grey.shape[1] <= 4 * far:
-        return ""
-    # An edge of contrast c blurred by sigma climbs by c / (sigma sqrt(2 pi)) a pixel. Grain is
-    # taken out first, which blurs by about a pixel itself.
-    smooth = cv2.GaussianBlur(grey, (0, 0), sigmaX=1.0, sigmaY=0.01)
-    near = float(np.percentile(np.abs(smooth[:, 2:] - smooth[:, :-2]), EDGES)) / 2.0
-    contrast = float(np.percentile(np.abs(smooth[:, 2 * far :] - smooth[:, : -2 * far]), EDGES))
+    # A DLO that lies along the rows has no edge that a row crosses at a right angle.
+    along = [_edges(lines, width) for lines in (image, image.transpose(1, 0, 2))]
+    near, contrast = np.max(along, axis=0)
+    # An edge of contrast c blurred by sigma climbs by c / (sigma sqrt(2 pi)) a pixel.
     blur = contrast / max(near, 1e-6) / np.sqrt(2.0 * np.pi)
     if contrast > LEAST_EDGE and blur > max(BLURRED * width, 2.0):
         return "the picture is blurred"
     return ""
+
+
+def _edges(image: Image, width: float) -> tuple[float, float]:
+    """How much the sharpest edges that rows of a picture cross climb in a pixel, and in all.
+
+    Args:
+        image: BGR.
+        width: expected width of the DLO [px].
+
+    Returns:
+        Both in grey levels; zero where the rows are too short for the DLO.
+    """
+    grey = _some_rows(image)
+    far = max(2, round(2.0 * width))
+    if grey.shape[1] <= 4 * far:
+        return 0.0, 0.0
+    # Grain is taken out first, which blurs by about a pixel itself.
+    smooth = cv2.GaussianBlur(grey, (0, 0), sigmaX=1.0, sigmaY=0.01)
+    near = np.percentile(np.abs(smooth[:, 2:] - smooth[:, :-2]), EDGES) / 2.0
+    contrast = np.percentile(np.abs(smooth[:, 2 * far :] - smooth[:, : -2 * far]), EDGES)
+    return float(near), float(contrast)
+
+
+def _some_rows(image: Image) -> NDArray[np.float32]:
+    """Grey levels of about `LOOKED_AT` rows of a BGR picture."""
+    rows = np.ascontiguousarray(image[:: max(1, image.shape[0] // LOOKED_AT)])
+    return np.asarray(cv2.cvtColor(rows, cv2.COLOR_BGR2GRAY), np.float32)
