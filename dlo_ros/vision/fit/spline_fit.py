@@ -126,7 +126,7 @@ def fit_spline(
         all_plane[keep],
         KNOT_SPAN * per_width,
         (first, last),
-        _supports(start, end, (first, last), located, scale),
+        _supports(start, end, (first, last), located, camera, scale),
         trust[used][keep],
     )
 
@@ -232,22 +232,48 @@ def _supports(
     end: ClampBoard | None,
     domain: tuple[float, float],
     located: Located,
+    camera: Camera,
     scale: float,
 ) -> tuple[Support, ...]:
     """Clamps as weak observations: where the DLO is seen the picture prevails."""
     result = []
     noise = 0.15  # [px] of one profile; only the ratio of the weights matters
-    speed = located.spacing * scale  # [m] per profile
     for clamp, at in zip((start, end), domain, strict=True):
         if clamp is None:
             continue
         value_weight = (noise / (CLAMP_STD * located.width)) ** 2
         slope, slope_weight = None, 0.0
-        if clamp.direction is not None:
-            slope = clamp.direction * speed
+        along = _metres_per_pixel_along(clamp, camera, scale)
+        if clamp.direction is not None and np.isfinite(along):
+            slope = clamp.direction * located.spacing * along
             slope_weight = (noise / (CLAMP_DIRECTION_STD * located.spacing)) ** 2
         result.append(Support(at, clamp.position, value_weight, slope, slope_weight))
     return tuple(result)
+
+
+def _metres_per_pixel_along(clamp: ClampBoard, camera: Camera, scale: float) -> float:
+    """Length of a DLO that leaves a clamp in its direction, for each pixel of its way [m].
+
+    Where the camera looks obliquely that is another one than a pixel's size, and than elsewhere.
+
+    Args:
+        clamp: the clamp.
+        camera: camera of the picture.
+        scale: about the size of a pixel [m].
+
+    Returns:
+        NaN where the camera does not see the clamp, or its direction is not known.
+    """
+    if clamp.direction is None:
+        return float("nan")
+    ends = clamp.position + np.outer([-scale, scale], clamp.direction)
+    first, last = camera.project(_in_space(ends))
+    return float(2.0 * scale / np.hypot(*(last - first)))
+
+
+def _in_space(plane: FloatArray) -> FloatArray:
+    """Points of the board's plane in the board frame [m], shape (m, 2) to (m, 3)."""
+    return np.column_stack([plane[:, 0], np.zeros(len(plane)), plane[:, 1]])
 
 
 def _fit_across(
