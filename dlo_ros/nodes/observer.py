@@ -25,7 +25,13 @@ from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.image_building import image_message
-from dlo_ros.recordings.images import CameraInfo, Image, read_camera_info, read_image
+from dlo_ros.recordings.images import (
+    CameraInfo,
+    Image,
+    read_camera_info,
+    read_image,
+    read_mask,
+)
 from dlo_ros.recordings.message_building import points_message, spline_message
 from dlo_ros.recordings.messages import read_spline, stamp_of
 from dlo_ros.spline import FloatArray
@@ -156,7 +162,7 @@ class ObserverNode(DloNode):
 
     def _on_mask(self, message: Any) -> None:
         """It holds until the next one comes."""
-        self._mask = read_image(message)[:, :, 0]
+        self._mask = read_mask(message)
         if self._observer is not None:
             self._observer.mask = self._mask
 

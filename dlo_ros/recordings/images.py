@@ -180,24 +180,42 @@ def read_depth(message: Any) -> DepthImage:
     Raises:
         InputError: unknown encoding or sizes that contradict each other.
     """
-    width, height, step = int(message.width), int(message.height), int(message.step)
     encoding = str(message.encoding)
     if encoding not in DEPTHS:
         raise InputError(
             f"depth image has encoding '{encoding[:40]}'; known are {', '.join(DEPTHS)}"
         )
-    kind, unit = DEPTHS[encoding]
-    number = np.dtype((">" if message.is_bigendian else "<") + kind)
+    depth = _read_numbers(message, "depth image") * np.float32(DEPTHS[encoding][1])
+    return np.where(np.isfinite(depth) & (depth > 0.0), depth, np.float32(np.nan))
+
+
+def read_mask(message: Any) -> Image:
+    """Mask of a sensor_msgs/Image, 1 where any of its colours is not zero, shape (height, width).
+
+    Numbers of 16 bits, as of labels, are looked at as a whole.
+
+    Raises:
+        InputError: unknown encoding or sizes that contradict each other.
+    """
+    if str(message.encoding) in DEPTHS:
+        return np.asarray(_read_numbers(message, "mask") != 0.0, dtype=np.uint8)
+    return np.asarray(read_image(message).any(axis=2), dtype=np.uint8)
+
+
+def _read_numbers(message: Any, what: str) -> DepthImage:
+    """Numbers of an image whose encoding is one of `DEPTHS`, shape (height, width)."""
+    width, height, step = int(message.width), int(message.height), int(message.step)
+    encoding = str(message.encoding)
+    number = np.dtype((">" if message.is_bigendian else "<") + DEPTHS[encoding][0])
     _check_size(width, height)
     data = np.frombuffer(message.data, dtype=np.uint8)
     if step < width * number.itemsize or data.size != step * height:
         raise InputError(
-            f"depth image has {data.size} bytes and step {step}; {height} rows of {width} pixels "
+            f"{what} has {data.size} bytes and step {step}; {height} rows of {width} pixels "
             f"of {encoding} are something else"
         )
     rows = np.ascontiguousarray(data.reshape(height, step)[:, : width * number.itemsize])
-    depth = rows.view(number).astype(np.float32) * np.float32(unit)
-    return np.where(np.isfinite(depth) & (depth > 0.0), depth, np.float32(np.nan))
+    return rows.view(number).astype(np.float32)
 
 
 def decode(data: bytes) -> Image:

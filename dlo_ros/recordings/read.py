@@ -25,6 +25,7 @@ from dlo_ros.recordings.images import (
     check_image_size,
     read_camera_info,
     read_image,
+    read_mask,
 )
 from dlo_ros.recordings.messages import (
     read_command,
@@ -178,7 +179,7 @@ def iterate_masks(
     Raises:
         RecordingError: no bag, or damaged.
     """
-    return _usable(Path(path), topics.MASK, lambda m: read_image(m)[:, :, 0], on_skip)
+    return _usable(Path(path), topics.MASK, read_mask, on_skip)
 
 
 def iterate_predictions(

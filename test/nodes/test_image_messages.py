@@ -21,7 +21,7 @@ from dlo_ros.recordings import (
     read_camera_info,
     read_image,
 )
-from dlo_ros.recordings.images import decode
+from dlo_ros.recordings.images import decode, read_mask
 
 NAN = float("nan")
 
@@ -187,3 +187,20 @@ def test_camera_info_of_an_image_that_is_cut_out_and_binned():
     assert (info.width, info.height) == (20, 16)
     np.testing.assert_allclose(info.k, (40, 0, 10.75, 0, 40.5, 7.75, 0, 0, 1))
     np.testing.assert_allclose(read_camera_info(fresh("info")).k, samples.INFO.k)
+
+
+@pytest.mark.parametrize("colour", [(255, 0, 0), (0, 255, 0), (0, 0, 1)])
+def test_a_mask_of_any_colour_or_depth_says_where_it_is_not_zero(colour):
+    inside = samples.picture()[..., 0] > 100
+    expected = inside.astype(np.uint8)
+    assert 0 < expected.sum() < expected.size
+    coloured = expected[..., None] * np.array(colour, dtype=np.uint8)
+    np.testing.assert_array_equal(read_mask(raw("rgb8", coloured)), expected)
+    for encoding, number in (("mono8", np.uint8), ("mono16", "<u2"), ("16UC1", "<u2")):
+        for value in (1, 255):
+            labels = expected.astype(number) * np.dtype(number).type(value)
+            np.testing.assert_array_equal(read_mask(raw(encoding, labels, padding=4)), expected)
+    message = raw("mono16", expected.astype("<u2"))
+    message.data = message.data[:-2]
+    with pytest.raises(InputError, match=r"mask has .* bytes"):
+        read_mask(message)

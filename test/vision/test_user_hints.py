@@ -108,7 +108,7 @@ def test_unusable_hints_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"vision\.empty_board is 'nowhere\.png'"):
         Hints(VisionParameters(empty_board="nowhere.png"))
     scene = Scene()
-    cv2.imwrite(str(tmp_path / "small.png"), np.zeros((200, 300), np.uint8))
+    cv2.imwrite(str(tmp_path / "small.png"), np.full((200, 300), 255, np.uint8))
     for name in ("mask", "empty_board"):
         hints = Hints(VisionParameters(**{name: str(tmp_path / "small.png")}))
         hints.check_size(300, 200)
@@ -121,6 +121,31 @@ def test_unusable_hints_are_refused(tmp_path):
     flat = {**settings(scene).flat(), "vision.region": [0.0, 0.0, -1.0, 0.0]}
     with pytest.raises(ParameterError, match=r"vision\.region"):
         Settings.from_mapping(flat)
+
+
+def test_a_mask_file_that_leaves_nothing_is_refused(tmp_path):
+    cv2.imwrite(str(tmp_path / "black.png"), np.zeros((540, 960), np.uint8))
+    black = VisionParameters(mask=str(tmp_path / "black.png"))
+    with pytest.raises(InputError, match=r"vision\.mask is '.*', which is black all over; it must"):
+        Hints(black)
+    replace(settings(Scene()), vision=black).dump(tmp_path / "params.yaml")
+    cv2.imwrite(str(tmp_path / "one.png"), render(OWN, Scene()))
+    words = ["observe", "--params", str(tmp_path / "params.yaml"), "--output", str(tmp_path / "o")]
+    assert cli.main([*words, str(tmp_path / "one.png")]) == 2
+
+
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+@pytest.mark.parametrize("white", [1, 255])
+def test_a_mask_file_may_hold_labels(tmp_path, depth, white):
+    scene = scene_with(BLUE)
+    image = render(OWN, scene)
+    mask = (own_mask(scene, image) > 0).astype(depth) * depth(white)
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    known = VisionParameters(mask=str(tmp_path / "mask.png"))
+    observer = Observer(replace(settings(scene), vision=known), scene.camera())
+    found = observer.observe(0, image).observation.points
+    across, _ = across_errors(found.positions[:, [0, 2]], OWN)
+    assert np.abs(across).max() * scene.width_px / scene.diameter < 1.0
 
 
 def test_hints_serve_image_files_too(tmp_path):

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import VisionParameters
@@ -37,7 +39,7 @@ class Hints:
         self._low = np.array(parameters.colour_low)
         self._high = np.array(parameters.colour_high)
         self._region = parameters.region
-        self._fixed = _read(parameters.mask, "vision.mask", cv2.IMREAD_GRAYSCALE)
+        self._fixed = _mask_in(parameters.mask)
         self._board = _read(parameters.empty_board, "vision.empty_board", cv2.IMREAD_COLOR)
         self._has_colour = bool(np.any(self._low > 0.0) or np.any(self._high < [180, 255, 255]))
         self.mask: Image | None = None
@@ -110,14 +112,25 @@ def limited(located: Located, allowed: Image | None) -> Located:
     return replace(located, seen=located.seen & good, likeness=likeness, excluded=~good)
 
 
-def _read(name: str, parameter: str, flags: int) -> Image | None:
+def _mask_in(name: str) -> Image | None:
+    """Mask of an image file, 1 where it is not black; labels of 16 bits may be small numbers."""
+    picture = _read(name, "vision.mask", cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+    if picture is not None and not picture.any():
+        raise InputError(
+            f"vision.mask is '{name}', which is black all over; it must be white, or not zero, "
+            "where the DLO may be"
+        )
+    return None if picture is None else np.asarray(picture > 0, dtype=np.uint8)
+
+
+def _read(name: str, parameter: str, flags: int) -> NDArray[Any] | None:
     if not name:
         return None
     path = Path(name).expanduser()
     picture = cv2.imread(str(path), flags) if path.is_file() else None
     if picture is None:
         raise InputError(f"{parameter} is '{name}'; it must be an image file that can be read")
-    return np.asarray(picture, dtype=np.uint8)
+    return np.asarray(picture)
 
 
 def _checked(picture: Image, size: tuple[int, int], name: str) -> Image:
