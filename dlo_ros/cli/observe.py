@@ -31,6 +31,7 @@ from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
+from dlo_ros.recordings.calibration_pictures import SUFFIXES, is_bag
 from dlo_ros.recordings.camera_bags import count_images
 from dlo_ros.recordings.images import Image
 from dlo_ros.recordings.message_building import observation_messages
@@ -99,9 +100,20 @@ def run(arguments: argparse.Namespace) -> int:
     """
     inputs: list[Path] = arguments.inputs
     bags = [p for p in inputs if p.is_dir() or p.suffix in BAG_SUFFIXES]
+    pictures = next((p for p in bags if p.is_dir() and not is_bag(p) and _holds_pictures(p)), None)
+    if pictures is not None:
+        raise InputError(
+            f"{pictures}: is a folder of pictures, no bag; give the pictures themselves, "
+            f"{pictures / '*'}"
+        )
     if not bags:
         if arguments.points:
             raise InputError(f"{inputs[0]}: is no bag; --points is for bags with {topics.POINTS}")
+        if arguments.overlays is not None or arguments.control_points is not None:
+            raise InputError(
+                f"{inputs[0]}: is no bag; --overlays and --control-points are for bags (the "
+                "overlays of image files are in --output)"
+            )
         return _observe_files(inputs, arguments.output, arguments.params)
     if len(inputs) > 1:
         raise InputError(f"{bags[0]}: is a bag; give one bag, or image files only")
@@ -124,6 +136,10 @@ def run(arguments: argparse.Namespace) -> int:
     return _observe_bag(
         bags[0], settings, arguments.output, arguments.overlays, force=arguments.force
     )
+
+
+def _holds_pictures(folder: Path) -> bool:
+    return any(path.suffix.lower() in SUFFIXES for path in folder.iterdir())
 
 
 def _with_control_points(path: Path, settings: Settings, wanted: str) -> Settings:

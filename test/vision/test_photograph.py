@@ -159,12 +159,17 @@ def test_misuse_is_explained(tmp_path, capsys):
     picture = tmp_path / "rope.png"
     cv2.imwrite(str(picture), render(bow(), scene))
     write_bag(tmp_path / "bag", scene, [render(bow(), scene)])
+    (tmp_path / "views").mkdir()
+    (tmp_path / "views" / "rope.png").write_bytes(picture.read_bytes())
     out = str(tmp_path / "out")
     cases = [
         (["observe", "--output", str(tmp_path), str(picture)], "would be overwritten"),
         (["observe", "--output", out, str(tmp_path / "bag")], "--params"),
         (["observe", "--output", out, str(tmp_path / "bag"), str(picture)], "one bag"),
         (["observe", "--output", out, str(picture), str(picture)], "same name"),
+        (["observe", "--output", out, str(tmp_path / "views")], "views: is a folder of pictures"),
+        (["observe", "--output", out, "--overlays", out, str(picture)], "--overlays and"),
+        (["observe", "--output", out, "--control-points", "9", str(picture)], "are for bags"),
         (["observe", "--output", str(picture), str(picture)], "is a file"),
     ]
     for words, expected in cases:
