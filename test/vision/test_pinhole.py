@@ -31,6 +31,38 @@ def board_points():
     return np.column_stack([x.ravel(), np.zeros(x.size), z.ravel()])
 
 
+@pytest.mark.parametrize("distortion", [(-0.35, 0.0, 0.0, 0.0), (-0.4, 0.18, 0.0, 0.0, -0.04)])
+def test_what_is_far_outside_of_the_picture_does_not_turn_back_into_it(distortion):
+    """The polynomial of a lens grows again only where it has turned back; OpenCV follows it."""
+    k = [1150.0, 0.0, 640.0, 0.0, 1150.0, 360.0, 0.0, 0.0, 1.0]
+    c = camera(distortion, k=k, pose=CameraPose(), size=(1280, 720))
+    away = np.tan(np.radians(np.arange(0.0, 85.0, 1.0)))
+    for aside in ([1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [-0.8, 0.0, 0.6]):
+        points = np.outer(away, aside) * 1.2
+        rotation, _ = cv2.Rodrigues(c.rotation)
+        followed, _ = cv2.projectPoints(
+            points, rotation, c.translation, c.matrix, np.array(distortion)
+        )
+        pixels, followed = c.project(points), followed.reshape(-1, 2)
+        seen = np.all((pixels >= 0.0) & (pixels <= [1279.0, 719.0]), axis=1)
+        assert not np.any(seen[np.argmin(seen) :])  # once outside, never inside again
+        np.testing.assert_allclose(pixels[seen], followed[seen], atol=1e-8)
+        inside = np.all((followed >= 0.0) & (followed <= [1279.0, 719.0]), axis=1)
+        assert np.count_nonzero(inside) > np.count_nonzero(seen)
+
+
+def test_a_pixel_beyond_the_lens_models_turn_has_no_ray():
+    k = [740.0, 0.0, 640.0, 0.0, 740.0, 360.0, 0.0, 0.0, 1.0]
+    c = camera((-0.5746, -0.0379, 0.0, 0.0, 0.0341), k=k, size=(1280, 720))
+    x, y = np.meshgrid(np.linspace(0.0, 1279.0, 65), np.linspace(0.0, 719.0, 37))
+    pixels = np.column_stack([x.ravel(), y.ravel()])
+    away = np.hypot(*c.rays(pixels).T)
+    order = np.argsort(np.hypot(*(pixels - [640.0, 360.0]).T))
+    known = np.isfinite(away[order])
+    assert known[: len(known) // 3].all() and not known[np.argmin(known) :].any()
+    assert np.nanmax(away) < 0.76
+
+
 @pytest.mark.parametrize(
     ("distortion", "model"),
     [

@@ -23,6 +23,8 @@ from dlo_ros.vision.camera.lens_distortion import distort, undistort
 MODELS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (0, 4, 5, 8, 12, 14)}
 STEP_X, STEP_Y = np.array([1.0, 0.0]), np.array([0.0, 1.0])
 NEAREST = 1e-6  # [m] a camera nearer to the board's plane lies in it
+STEEPEST = 20.0  # tangent of the largest angle to the optical axis at which a lens is looked at
+STEPS = 2000  # up to there
 ROUND_TRIP = 0.05  # [px] above this a pixel lies where the distortion cannot be undone
 
 
@@ -120,8 +122,24 @@ class Camera:
     def _is_pinhole(self) -> bool:
         return not np.any(self._coefficients)
 
+    @cached_property
+    def _widest(self) -> float:
+        """Radius of ideal image points up to which the distorted radius grows with it.
+
+        A polynomial that was fitted to the picture turns back somewhere outside of it.
+        """
+        radius = np.linspace(0.0, STEEPEST, STEPS)
+        radial = self._coefficients.copy()
+        radial[[2, 3, 8, 9, 10, 11]] = 0.0
+        distorted = distort(np.column_stack([radius, np.zeros(STEPS)]), radial)[:, 0]
+        back = np.flatnonzero(~(np.diff(distorted) > 0.0))
+        return float(radius[back[0]]) if len(back) else np.inf
+
     def project(self, points: FloatArray) -> FloatArray:
         """Pixels of points in the board frame.
+
+        Far outside of the picture, where the lens model would lead back into it, a pixel's
+        distance from the centre goes on growing as the point's does.
 
         Args:
             points: [m], shape (m, 3).
@@ -133,7 +151,8 @@ class Camera:
         depth = np.where(p[:, 2] > 1e-9, p[:, 2], np.nan)
         q = p[:, :2] / depth[:, None]
         if not self._is_pinhole:
-            q = distort(np.ascontiguousarray(q), self._coefficients)
+            beyond = np.maximum(np.hypot(q[:, 0], q[:, 1]) / self._widest, 1.0)[:, None]
+            q = beyond * distort(np.ascontiguousarray(q / beyond), self._coefficients)
         k = self.matrix
         return np.column_stack(
             [k[0, 0] * q[:, 0] + k[0, 1] * q[:, 1] + k[0, 2], k[1, 1] * q[:, 1] + k[1, 2]]
@@ -149,7 +168,10 @@ class Camera:
         if self._is_pinhole:
             return q
         tolerance = ROUND_TRIP / max(k[0, 0], k[1, 1])
-        return np.asarray(undistort(q, self._coefficients, float(tolerance)))
+        ideal = np.asarray(undistort(q, self._coefficients, float(tolerance)))
+        # A place beyond the lens model's turn has a second, wrong ray.
+        ideal[np.hypot(ideal[:, 0], ideal[:, 1]) > self._widest] = np.nan
+        return ideal
 
     def check_before_board(self) -> None:
         """Refuse a camera that lies in the board's plane, which it sees as a line.
