@@ -36,8 +36,8 @@ from dlo_ros.recordings.camera_bags import count_images
 from dlo_ros.recordings.images import Image
 from dlo_ros.recordings.message_building import observation_messages
 from dlo_ros.recordings.read import (
+    HeldMasks,
     iterate_images,
-    iterate_masks,
     iterate_predictions,
     read_recording,
 )
@@ -196,8 +196,7 @@ def observe_recording(
         return
     observer: Observer | None = None
     known = None
-    masks = iterate_masks(path, on_skip)
-    coming, mask = next(masks, None), None
+    masks = HeldMasks(path, on_skip)
     predictions = Predictions()
     # In the order of their stamps: one that is far ahead of the images must not hold up others.
     published = deque(sorted(iterate_predictions(path, settings, on_skip), key=itemgetter(0)))
@@ -210,9 +209,7 @@ def observe_recording(
                 info.k, info.d, info.distortion_model, info.width, info.height, settings.camera
             )
             observer, known = Observer(settings, camera, motion), info
-        while coming is not None and coming[0] <= stamp:  # a mask holds until the next one
-            mask, coming = coming[1], next(masks, None)
-        observer.mask = mask
+        observer.mask = masks.at(stamp)
         while published and latest < stamp:  # up to the first one after the image
             latest = published[0][0]
             predictions.add(*published.popleft())

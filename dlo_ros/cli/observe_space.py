@@ -11,8 +11,11 @@ from pathlib import Path
 from dlo_ros.command import Motion
 from dlo_ros.errors import VisionError
 from dlo_ros.parameters import Settings
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.bag import open_bag
 from dlo_ros.recordings.camera_bags import has_depth, iterate_together
 from dlo_ros.recordings.images import CameraInfo, Image
+from dlo_ros.recordings.read import HeldMasks
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.planar_result import VisionResult
 from dlo_ros.vision.space import SpaceObserver
@@ -60,6 +63,11 @@ def watches_space(path: Path, settings: Settings) -> bool:
     return bool(settings.cameras) or (settings.vision.depth == "auto" and has_depth(path))
 
 
+def _has_masks(path: Path) -> bool:
+    with open_bag(path) as bag:
+        return bag.holds(topics.MASK)
+
+
 def observe_together(
     path: Path, settings: Settings, motion: Motion, on_skip: Callable[[str], None]
 ) -> Iterator[ObservedFrame]:
@@ -78,10 +86,17 @@ def observe_together(
     observer: SpaceObserver | None = None
     known: dict[str, CameraInfo] = {}
     depth = not settings.cameras
+    masks = None
+    if depth:
+        masks = HeldMasks(path, on_skip)
+    elif _has_masks(path):
+        on_skip(f"{path}: {topics.MASK} is that of one camera; with several it is not used")
     for images in iterate_together(path, list(poses), depth=depth, on_skip=on_skip):
         infos = {name: images[name].info for name in poses}
         if observer is None or infos != known:
             observer, known = SpaceObserver(settings, cameras_of(infos, poses), motion), infos
+        if masks is not None:
+            observer.hints.mask = masks.at(images[""].stamp)
         frames = {name: Frame(i.stamp, i.image, i.depth) for name, i in images.items()}
         stamps = [frame.stamp for frame in frames.values()]
         found: Mapping[str, VisionResult] = {}

@@ -129,6 +129,7 @@ class MultiCameraListener:
         self._node, self._motion = node, motion
         self._publish, self._predicted, self._seen_by = publish, predicted, seen_by
         self.cameras = tuple(node.settings.cameras)
+        self.mask: Image | None = None  # of the one camera that comes with depth
         self._infos: dict[str, CameraInfo] = {}
         self._observer: SpaceObserver | None = None
         self._together: ApproximateTime[Any] = ApproximateTime(self.cameras or ("", DEPTH))
@@ -297,6 +298,7 @@ class MultiCameraListener:
         observer = self._observer
         if observer is None:
             return
+        observer.hints.mask = self.mask
         frames, stamps = images.frames(), images.stamps
         node.health.values["stamps apart [ms]"] = 1e3 * (max(stamps) - min(stamps)) / NANOSECONDS
         found: Mapping[str, VisionResult] = {}

@@ -162,7 +162,12 @@ class ObserverNode(DloNode):
 
     def _on_mask(self, message: Any) -> None:
         """It holds until the next one comes."""
-        self._mask = read_mask(message)
+        if self._views.cameras:
+            raise InputError(
+                f"{topics.MASK} is that of one camera; with vision.cameras it is not used"
+            )
+        self._mask = self._views.mask = read_mask(message)
+        self.health.solved(topics.MASK)
         if self._observer is not None:
             self._observer.mask = self._mask
 

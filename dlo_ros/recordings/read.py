@@ -182,6 +182,26 @@ def iterate_masks(
     return _usable(Path(path), topics.MASK, read_mask, on_skip)
 
 
+class HeldMasks:
+    """The masks of a bag, each of which holds until the next one.
+
+    Args:
+        path: rosbag2 folder.
+        on_skip: function that is called with one line for each unusable mask.
+    """
+
+    def __init__(self, path: Path | str, on_skip: Callable[[str], None] = LOG.warning) -> None:
+        self._masks = iterate_masks(path, on_skip)
+        self._coming = next(self._masks, None)
+        self._held: Image | None = None
+
+    def at(self, stamp: int) -> Image | None:
+        """The mask that holds at a stamp [ns]; stamps grow. None before the first."""
+        while self._coming is not None and self._coming[0] <= stamp:
+            self._held, self._coming = self._coming[1], next(self._masks, None)
+        return self._held
+
+
 def iterate_predictions(
     path: Path | str, settings: Settings, on_skip: Callable[[str], None] = LOG.warning
 ) -> Iterator[tuple[int, FloatArray]]:

@@ -72,10 +72,12 @@ class FakeObserver:
     """Takes frames down, and finds nothing."""
 
     def __init__(self, settings, cameras, motion):
-        self.cameras, self.seen = cameras, []
+        self.cameras, self.seen, self.masks = cameras, [], []
+        self.hints = SimpleNamespace(mask=None)
 
     def observe(self, frames):
         self.seen.append(frames)
+        self.masks.append(self.hints.mask)
         raise VisionError("the views do not show one DLO")
 
     def reset(self):
@@ -236,6 +238,27 @@ def test_a_recording_that_begins_again_is_observed_again(listener, clock, right_
         whole = SimpleNamespace(_held=[], _last_stamp=0, _views=views, reset=views.reset)
         ObserverNode.restart(whole, 90_000 * MS)
     assert shown(node, views, 90_000, right_later) == first
+
+
+def test_a_mask_holds_for_the_camera_with_depth_and_not_for_several(listener):
+    from dlo_ros.nodes.observer import ObserverNode
+
+    node, views = listener()
+    whole = SimpleNamespace(_views=views, _observer=None, health=node.health, _mask=None)
+    overlay = node.publisher("dlo/overlay", None)
+    mask = np.zeros((48, 64), np.uint8)
+    mask[:, :20] = 255
+    for stamp in (50 * MS, 90 * MS):
+        depth = depth_message(BAG_MESSAGES, stamp, "eye", np.full((48, 64), 900, np.uint16))
+        node.topics["depth/image_raw"](depth)
+        views.take(image(stamp), read_camera_info(info()), overlay)
+        ObserverNode._on_mask(whole, image_message(BAG_MESSAGES, stamp, "eye", mask))
+    before, after = views._observer.masks
+    assert before is None
+    np.testing.assert_array_equal(after, mask > 0)
+    _, whole._views = listener(**{"vision.cameras": ["left", "right"]}, **BOTH)
+    with pytest.raises(InputError, match="image_mask is that of one camera"):
+        ObserverNode._on_mask(whole, image_message(BAG_MESSAGES, 1, "eye", mask))
 
 
 def test_depth_images_of_the_pass_before_are_dropped(listener):

@@ -6,12 +6,17 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from ribbons import even, holding, looking, picture, settings_of
 from vision_scenes import Scene, across_errors, bow, curve_from_curvature, render, settings
 
 from dlo_ros.cli import main as cli
+from dlo_ros.cli.observe import observe_recording
 from dlo_ros.errors import InputError, ParameterError, VisionError
 from dlo_ros.parameters import Settings, VisionParameters
-from dlo_ros.vision import Observer
+from dlo_ros.recordings import BAG_MESSAGES, BagWriter, command_message
+from dlo_ros.recordings.image_building import camera_info_message, depth_message, image_message
+from dlo_ros.recordings.images import CameraInfo
+from dlo_ros.vision import Camera, Observer
 from dlo_ros.vision.photograph import find_dlos
 from dlo_ros.vision.segmentation.user_hints import Hints
 
@@ -158,3 +163,29 @@ def test_hints_serve_image_files_too(tmp_path):
     assert cli.main([*words, str(tmp_path / "two.png")]) == 0
     rows = (tmp_path / "o" / "two.csv").read_text().splitlines()[1:]
     assert {row.split(",")[0] for row in rows} == {"0"}
+
+
+def test_recorded_masks_hold_for_a_camera_with_depth(tmp_path):
+    """The second picture comes with a mask that leaves nothing of it."""
+    at = np.linspace(0.0, 1.0, 300)
+    curve, length = even(np.column_stack([0.4 * at - 0.2, 0.05 * np.sin(5.0 * at)]))
+    camera = Camera(np.array([[900.0, 0, 320], [0, 900.0, 240], [0, 0, 1]]), (0.0,) * 5, 640, 480,
+                    looking(translation=(0.0, 0.0, 1.0)))  # fmt: skip
+    image = picture(curve, 0.006, camera)
+    depth = np.where(image.mean(axis=2) < 120.0, 997, 1020).astype(np.uint16)
+    k = tuple(camera.matrix.ravel().tolist())
+    info = CameraInfo(640, 480, "plumb_bob", (0.0,) * 5, k, "eye")
+    with BagWriter(tmp_path / "bag") as writer:
+        for stamp in (10**9, 2 * 10**9):
+            writer.write("camera_info", camera_info_message(BAG_MESSAGES, stamp, info), stamp)
+            if stamp > 10**9:
+                black = np.zeros((480, 640), np.uint8)
+                writer.write("image_mask", image_message(BAG_MESSAGES, stamp, "eye", black), stamp)
+            writer.write("image_raw", image_message(BAG_MESSAGES, stamp, "eye", image), stamp)
+            writer.write("depth/image_raw", depth_message(BAG_MESSAGES, stamp, "eye", depth), stamp)
+        (held,) = holding(curve, ("start",)).commands
+        writer.write("dlo/command", command_message(BAG_MESSAGES, held), 1)
+    known = replace(settings_of(length, 0.006), camera=camera.pose)
+    free, masked = observe_recording(tmp_path / "bag", known)
+    assert free.result is not None, free.reason
+    assert masked.result is None and "nothing of the picture is left" in masked.reason

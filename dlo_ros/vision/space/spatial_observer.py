@@ -118,7 +118,7 @@ class SpaceObserver:
         self._fine = SplineBasis(spans + 3, rod.length)
         self._dense = np.linspace(0.0, rod.length, DENSE)
         self._values = self._fine.matrix(self._dense)
-        hints = Hints(vision)
+        self.hints = hints = Hints(vision)
         self._search = {
             name: ViewSearch(camera, hints, rod.length, rod.diameter)
             for name, camera in cameras.items()
