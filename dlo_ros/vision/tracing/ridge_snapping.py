@@ -11,6 +11,7 @@ from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.picture_strip import (
     CORE,
     Float32,
+    inside,
     normals_of,
     smooth_curve,
     spacing_for,
@@ -57,10 +58,31 @@ def follow(
     scale = max(scale, 1.0)
     known = np.zeros(0, np.float32) if colour is None else colour.astype(np.float32)
     score = scores(core, score, known, scale)
+    if not np.all(inside(image, curve, search)):
+        _disregard_outside(score, image, curve, normals, np.arange(-reach, reach + 1.0) * step)
     shift = best_course(score, STEEPNESS * step * step, 2) - reach
     sigma = 0.6 * width / spacing_for(width)
     moved = smooth_curve((shift * step)[:, None], sigma)
     return curve + moved * normals
+
+
+def _disregard_outside(
+    score: FloatArray, image: Image, curve: FloatArray, normals: FloatArray, offsets: FloatArray
+) -> None:
+    """Take back, in place, what the repeated border of the picture tells beyond it.
+
+    A row whose own place lies outside tells nothing; another one leads nowhere outside.
+
+    Args:
+        score: score of each row's offsets, shape (m, k).
+        image: BGR.
+        curve, normals: place and unit normal of each row [px], shape (m, 2).
+        offsets: [px], shape (k,).
+    """
+    places = curve[:, None] + offsets[:, None] * normals[:, None]
+    seen = inside(image, places.reshape(-1, 2)).reshape(score.shape)
+    np.copyto(score, score.min(axis=1, keepdims=True), where=~seen)
+    score[~inside(image, curve)] = 0.0
 
 
 @njit(fastmath=True)
