@@ -246,6 +246,16 @@ def test_a_depth_beyond_a_free_end_stays_alone():
     np.testing.assert_allclose(depth, 1.0)
 
 
+@pytest.mark.parametrize("step", [2, 4])
+def test_depth_of_another_size_is_not_read_at_other_pixels(step):
+    settings = Settings(RodParameters(LENGTH, DIAMETER, 1e6, 1e3))
+    image = np.full((LEFT.height, LEFT.width, 3), 200, np.uint8)
+    depth = np.ones((LEFT.height // step, LEFT.width // step), np.float32)
+    size = f"{LEFT.width // step} x {LEFT.height // step} px"
+    with pytest.raises(VisionError, match=f"depth image is {size}, .* must be aligned"):
+        SpaceObserver(settings, {"": LEFT}).observe({"": Frame(1, image, depth)})
+
+
 def test_depth_messages():
     data = np.array([[1200, 0], [65535, 900]], dtype=np.uint16)
     message = depth_message(BAG_MESSAGES, 1, "camera", data)

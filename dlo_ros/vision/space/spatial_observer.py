@@ -149,7 +149,7 @@ class SpaceObserver:
             raise VisionError(f"no picture of camera {', '.join(missing)}")
 
         def picture(name: str, view: ViewSearch) -> Image:
-            return image_of(view.camera, frames[name].image)
+            return image_of(view.camera, frames[name].image, frames[name].depth)
 
         images = {name: self._of(name, picture) for name in self.cameras}
         stamp = frames[next(iter(self.cameras))].stamp
