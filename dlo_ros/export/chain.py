@@ -30,7 +30,7 @@ from dlo_ros.rod.packing import true_command
 from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
 
 FINE = 400  # knot spans in which stiffness and rest curvature are tabulated
-STIFFEST = 30.0  # largest stiffness of a joint over the softest one's: stiffer is as good as rigid
+STIFFEST = 30.0  # largest stiffness of a joint over that of the plain DLO: more is as good as rigid
 SLOWEST = 1.875**4  # squared frequency of a cantilever's first mode over B / (line density L^4)
 
 
@@ -161,7 +161,8 @@ def build_chain(
         return _integrals(density * body.weight * body.lengthening, body, edges)
 
     bend = 1.0 / whole(1.0 / body.bend.mean(axis=1))
-    bend = np.minimum(bend, STIFFEST * bend.min())
+    # Not over the softest joint: that may be a grip that turns almost freely.
+    bend = np.minimum(bend, STIFFEST * max(settings.rod.bending_stiffness / h, bend.min()))
     round_ = settings.rod.shear_modulus * 2.0 * settings.rod.second_moment
     twist = np.full(joints, body.twisting_ratio * round_ / h)
     rest = np.column_stack(

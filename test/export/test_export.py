@@ -59,6 +59,20 @@ def test_a_rigid_plug_is_stiff_and_has_its_mass():
     assert np.isclose(np.mean(places), 0.36)
 
 
+@pytest.mark.parametrize(
+    "soft",
+    [
+        {"clamp_compliance": {"start": 3000.0}},
+        {"stiff_segment": {"centre": 0.1, "extent": 0.04, "ratio": 0.01}},
+    ],
+)
+def test_one_soft_place_leaves_the_other_joints_as_stiff_as_they_are(soft):
+    chain = chain_of(soft)
+    plain = ROD.bending_stiffness / chain.cell
+    assert chain.bend.min() < plain / 40.0
+    assert np.allclose(np.sort(chain.bend)[3:], plain, rtol=1e-6)
+
+
 def test_a_longer_rope_has_longer_links():
     chain = chain_of(
         {"length_error": {"difference": 0.02}, "point_mass": {"mass": 0.01, "position": 0.2}}
