@@ -7,8 +7,9 @@ With `--recording BAG` it is the recording that is written, as tables.
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,11 +20,13 @@ from dlo_ros.cli.loading import load_manipulation, prepare
 from dlo_ros.dependencies import extra
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.export import mujoco_run
-from dlo_ros.export.draws import described, draw, read_knowledge, statement
+from dlo_ros.export.chain import CableChain
+from dlo_ros.export.draws import ParameterKnowledge, described, draw, read_knowledge, statement
 from dlo_ros.export.fidelity import (
     DEFAULT_ELEMENTS,
     Choice,
     Fidelity,
+    another_chain,
     choose,
     first_chain,
     longest_step,
@@ -38,6 +41,7 @@ from dlo_ros.parameters import Settings
 
 MAX_ERR = 0.01  # of the length, that the other simulator may be off by default
 MOST_SAMPLES = 100_000
+MOST_IMPOSSIBLE = 100  # cables drawn in turn: where so many are, hardly any is possible
 REFERENCE_FINENESS = 10.0  # times finer than the allowed error is the rod against which is held
 
 
@@ -103,13 +107,11 @@ def run(arguments: argparse.Namespace) -> int:
         *(f"{name} is left out: only the ends are held" for name in pinned(scenes[0].command)),
     ]
     names = [output, *_numbered(output, arguments.sample or 0)]
-    cables = [fine, *draw(fine, known, arguments.sample or 0)]
-    for number, (name, cable) in enumerate(zip(names, cables, strict=True)):
+    drawn = _plausible(scenes[0], fine, known, choice.elements)
+    cables = itertools.chain([(fine, chain)], drawn)
+    for number, (name, (cable, links)) in enumerate(zip(names, cables, strict=False)):
         head = _head(arguments.params, form, cable, number, statement(full, known), choice, lines)
-        text = form.write(
-            first_chain(scenes[0], cable, choice.elements), step=choice.step, comment=head
-        )
-        write_text(name, text)
+        write_text(name, form.write(links, step=choice.step, comment=head))
     _tell(output, form, choice, statement(full, known), lines, names)
     return 0
 
@@ -178,6 +180,29 @@ def _chosen(
             "was tried"
         )
     return notes, found
+
+
+def _plausible(
+    scene: ComparedMotion, settings: Settings, known: ParameterKnowledge, elements: int
+) -> Iterator[tuple[Settings, CableChain]]:
+    """Plausible cables without end, each in its own shape; impossible ones are drawn again.
+
+    Impossible is a place beyond the DLO's end, or a DLO too short for its two grips.
+    """
+    impossible = 0
+    for cable in draw(settings, known):
+        try:
+            chain = another_chain(scene, cable, elements)
+        except (InputError, SimulationError) as err:
+            impossible += 1
+            if impossible == MOST_IMPOSSIBLE:
+                raise InputError(
+                    f"--sample: {impossible} cables in turn that were drawn are impossible, the "
+                    f"last one since {err}; state smaller standard deviations"
+                ) from err
+            continue
+        impossible = 0
+        yield cable, chain
 
 
 def _numbered(output: Path, count: int) -> list[Path]:

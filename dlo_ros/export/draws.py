@@ -107,15 +107,15 @@ def statement(settings: Settings, known: ParameterKnowledge) -> str:
     return f"E/mu is {ratio:.4g} m^2/s^2; 95 % interval {low:.4g} to {high:.4g} m^2/s^2"
 
 
-def draw(settings: Settings, known: ParameterKnowledge, count: int) -> Iterator[Settings]:
-    """Plausible cables, independent of each other and the same in every call.
+def draw(settings: Settings, known: ParameterKnowledge) -> Iterator[Settings]:
+    """Plausible cables without end, independent of each other and the same in every call.
 
     Numbers of effects that a cable does not have, as those of a camera, stay out.
     """
     random = np.random.default_rng(SEED)
     centre = logarithms(settings)
     present = np.isfinite(centre)
-    for _ in range(count):
+    while True:
         away = random.multivariate_normal(np.zeros(4), known.covariance)
         theta = np.where(present, centre + away, centre)
         effects = {name: dict(keys) for name, keys in settings.effects.items()}

@@ -23,7 +23,8 @@ ELEMENTS = (8, 12, 16, 20, 24, 32, 40, 50, 64, 80, 100, 128)  # that are tried
 STEPS = (2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5)  # [s] that are tried
 DEFAULT_ELEMENTS = 32  # where no simulator can be run
 STEP_GAIN = 0.8  # of the error that a shorter step must leave to be worth its time
-BOUND = 3.0  # step times highest frequency: longer ones blow up (2 without damping)
+STABLE = 2.0  # step times highest frequency, below which a chain is stable without damping
+BOUND = 3.0  # step times highest frequency: longer ones blow up with damping, too
 PATIENCE = 240.0  # [s] of processor time after which no more is tried
 
 
@@ -75,17 +76,29 @@ class Choice:
 
 
 def first_chain(scene: ComparedMotion, settings: Settings, elements: int) -> CableChain:
-    """The chain with which a scene begins, for a cable that may be another than the scene's."""
+    """The chain of a cable in the shape with which a scene begins."""
     return build_chain(settings, scene.command, scene.stamps[0], scene.fine, scene.first, elements)
 
 
-def longest_step(chain: CableChain) -> float:
-    """The longest step of `STEPS` with which an undamped chain is stable [s].
+def another_chain(scene: ComparedMotion, settings: Settings, elements: int) -> CableChain:
+    """The chain of another cable than the scene's, in its own shape when the scene begins.
 
-    The highest frequency of a chain's bending is 4 sqrt(k / (m h^2)).
+    Raises:
+        SimulationError, InputError: the grips cannot hold that cable.
     """
+    basis, shape = scene.beginning(settings)
+    return build_chain(settings, scene.command, scene.stamps[0], basis, shape, elements)
+
+
+def highest_frequency(chain: CableChain) -> float:
+    """The highest frequency of a chain's bending, 4 sqrt(k / (m h^2)) [rad/s]."""
     stiff = float(chain.bend.max()) / (chain.line_density * chain.cell**3)
-    stable = 2.0 / (4.0 * math.sqrt(stiff))
+    return 4.0 * math.sqrt(stiff)
+
+
+def longest_step(chain: CableChain) -> float:
+    """The longest step of `STEPS` with which an undamped chain is stable [s]."""
+    stable = STABLE / highest_frequency(chain)
     return next((step for step in STEPS if step < stable), STEPS[-1])
 
 
@@ -136,11 +149,8 @@ def choose(
 
 def _steps(scenes: Sequence[ComparedMotion], settings: Settings, elements: int) -> Iterator[float]:
     """Steps that may be stable."""
-    chain = first_chain(scenes[0], settings, elements)
-    stiff = float(chain.bend.max()) / (chain.line_density * chain.cell**3)
-    for step in STEPS:
-        if step * 4.0 * math.sqrt(stiff) < BOUND:
-            yield step
+    highest = highest_frequency(first_chain(scenes[0], settings, elements))
+    yield from (step for step in STEPS if step * highest < BOUND)
 
 
 def measure(

@@ -42,6 +42,7 @@ class ComparedMotion:
         first: the rod when the motion begins, in the simulation's own basis, shape (m, 4).
         soon: the same `INSTANT` later; None: it begins at rest.
         settled: whether it begins in equilibrium.
+        start: shapes from which the simulation started.
         observed: control points of what was seen, shape (F, n, 3), as the camera measures it.
         camera: the camera that measured `observed`.
     """
@@ -56,6 +57,7 @@ class ComparedMotion:
     first: FloatArray
     soon: FloatArray | None
     settled: bool
+    start: tuple[Observation, ...]
     observed: FloatArray | None = None
     camera: MeasurementMap | None = None
 
@@ -70,6 +72,24 @@ class ComparedMotion:
         found = self.motion.at(self.stamps[0])
         assert found is not None
         return found
+
+    def beginning(self, settings: Settings) -> tuple[SplineBasis, FloatArray]:
+        """The shape of another cable when the motion begins.
+
+        Args:
+            settings: settings of that cable, of the same configured length.
+
+        Returns:
+            As `fine` and `first`.
+
+        Raises:
+            SimulationError, InputError: the grips cannot hold that cable.
+        """
+        rod = replace(settings.rod, control_points=self.settings.rod.control_points)
+        settings = replace(settings, rod=rod, simulation=self.settings.simulation)
+        simulation = simulation_of(settings, self.motion)
+        simulation.start(self.start, self.stamps[0])
+        return simulation.basis, simulation.true_shape()
 
     def pose(self, end: str, stamp: int) -> Pose:
         """Pose of a held end at a stamp [ns]."""
@@ -156,7 +176,7 @@ def _simulated(
     points = np.array([s.control_points[:, :3] for s in shapes])
     return ComparedMotion(
         name, settings, motion, tuple(stamps), simulation.published, points, fine, first, soon,
-        settled,
+        settled, tuple(observations),
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@
 import json
 import xml.etree.ElementTree as ElementTree
 from dataclasses import fields, replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -264,18 +265,18 @@ def test_draws_have_the_spread_that_is_known(tmp_path):
     path = estimate(tmp_path, setup={"intrinsic_curvature.curvature": {"value": 1.0, "std": 0.25}})
     known = read_knowledge(settings, path)
     assert np.isclose(known.ratio_std, 0.02, rtol=0.01)
-    cables = list(draw(settings, known, 400))
+    cables = list(islice(draw(settings, known), 400))
     ratio = np.log([c.rod.specific_modulus for c in cables])
     assert np.isclose(ratio.std(), 0.02, rtol=0.15) and abs(ratio.mean() - np.log(2e4)) < 0.004
     assert np.isclose(np.std([c.rod.density for c in cables]), 50.0, rtol=0.15)
     curved = np.array([c.effects["intrinsic_curvature"]["curvature"] for c in cables])
     assert np.allclose(curved.std(axis=0), 0.25, rtol=0.15)
-    assert [c.rod for c in draw(settings, known, 3)] == [c.rod for c in cables[:3]]
+    assert [c.rod for c in islice(draw(settings, known), 3)] == [c.rod for c in cables[:3]]
     of_camera = replace(settings, effects=settings.effects | {"camera_scale": {"ratio": 1.01}})
     path = estimate(tmp_path, setup={"camera_scale.ratio": {"value": 1.01, "std": 0.002}})
     seen = read_knowledge(of_camera, path)
     assert ("camera_scale", "ratio") in seen.numbers  # which no simulated cable has
-    assert next(draw(settings, seen, 1)).effects == settings.effects
+    assert next(draw(settings, seen)).effects == settings.effects
     assert "95 % interval 1.923e+04 to 2.08e+04" in statement(settings, known)
     assert "uncertainty is not given" in statement(settings, read_knowledge(settings, None))
 
