@@ -30,6 +30,7 @@ from dlo_ros.export.fidelity import (
     choose,
     first_chain,
     longest_step,
+    step_of_another,
 )
 from dlo_ros.export.format_support import unsupported
 from dlo_ros.export.formats import FORMATS, Format
@@ -110,8 +111,11 @@ def run(arguments: argparse.Namespace) -> int:
     drawn = _plausible(scenes[0], fine, known, choice.elements)
     cables = itertools.chain([(fine, chain)], drawn)
     for number, (name, (cable, links)) in enumerate(zip(names, cables, strict=False)):
-        head = _head(arguments.params, form, cable, number, statement(full, known), choice, lines)
-        write_text(name, form.write(links, step=choice.step, comment=head))
+        used = replace(
+            choice, step=step_of_another(links, choice.step, chain) if number else choice.step
+        )
+        head = _head(arguments.params, form, cable, number, statement(full, known), used, lines)
+        write_text(name, form.write(links, step=used.step, comment=head))
     _tell(output, form, choice, statement(full, known), lines, names)
     return 0
 

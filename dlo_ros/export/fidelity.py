@@ -102,6 +102,18 @@ def longest_step(chain: CableChain) -> float:
     return next((step for step in STEPS if step < stable), STEPS[-1])
 
 
+def step_of_another(chain: CableChain, chosen: float, own: CableChain) -> float:
+    """A step that is as stable with another chain as the chosen one is with its own [s].
+
+    Args:
+        chain: the other chain, which may be stiffer, lighter and less damped.
+        chosen: step that was tried with `own` [s].
+        own: chain with which it was tried.
+    """
+    reach = min(chosen * highest_frequency(own), STABLE)
+    return min(chosen, reach / highest_frequency(chain))
+
+
 def choose(
     mujoco: Any,
     scenes: Sequence[ComparedMotion],

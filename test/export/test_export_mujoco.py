@@ -10,8 +10,9 @@ from elastica import Cantilever
 
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.cli.main import main
+from dlo_ros.errors import SimulationError
 from dlo_ros.export import mujoco_run
-from dlo_ros.export.fidelity import first_chain, measure
+from dlo_ros.export.fidelity import another_chain, first_chain, measure, step_of_another
 from dlo_ros.export.mjcf import PLUGIN, mjcf
 from dlo_ros.export.mujoco_run import MujocoCable
 from dlo_ros.export.scenes import recorded_scene, standard_scene
@@ -89,6 +90,27 @@ def test_air_drags_links_as_it_does_the_rod():
     assert measure(mujoco, scene, settings, 16, 5e-4, plugin=False).largest < 0.007
     thin = replace(settings, effects={})
     assert measure(mujoco, scene, thin, 16, 5e-4, plugin=False).largest > 0.03
+
+
+def test_a_stiffer_cable_has_a_step_with_which_it_does_not_blow_up():
+    settings = Settings(STIFF)
+    scene = standard_scene(settings)
+    own = first_chain(scene, settings, 12)
+    assert measure(mujoco, scene, settings, 12, 2e-3, plugin=False).worst < 0.01
+    damping = replace(settings.damping, relaxation_time=8e-4)
+    stiff = Settings(replace(STIFF, young_modulus=3.2e8), damping=damping)
+    chain = another_chain(scene, stiff, 12)
+    with pytest.raises(SimulationError, match="blows up"):
+        swung(chain, scene, 2e-3)
+    step = step_of_another(chain, 2e-3, own)
+    assert step < 1e-3 and step_of_another(own, 2e-3, own) == 2e-3
+    assert np.abs(swung(chain, scene, step)).max() < 0.6
+
+
+def swung(chain, scene, step):
+    """Shapes of a chain that a scene's grips move."""
+    cable = MujocoCable(mujoco, mjcf(chain, plugin=False, step=step, comment=""), chain)
+    return cable.follow(scene.pose, scene.stamps[0], scene.stamps[1:], scene.basis).shapes
 
 
 @pytest.mark.parametrize("plugin", FORMS)
