@@ -26,7 +26,27 @@ LARGEST_YAML = 10_000_000
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
-    """YAML's safe loader; a whole number that no floating-point number can hold is none."""
+    """YAML's safe loader; a whole number that no floating-point number can hold is none.
+
+    A mapping whose key stands twice is one mapping with the content of both, as ROS's reader of
+    parameter files has it; of any other value the last one holds.
+    """
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """The content of a mapping."""
+        merged: dict[tuple[str, str], tuple[yaml.Node, yaml.Node]] = {}
+        for number, (key, value) in enumerate(node.value):
+            scalar = isinstance(key, yaml.ScalarNode)
+            name = (key.tag, key.value) if scalar else ("", str(number))
+            before = merged.get(name)
+            if before and isinstance(value, yaml.MappingNode):
+                first = before[1]
+                if isinstance(first, yaml.MappingNode):
+                    both = first.value + value.value
+                    value = yaml.MappingNode(value.tag, both, first.start_mark, value.end_mark)
+            merged[name] = (key, value)
+        node.value = list(merged.values())
+        return dict(super().construct_mapping(node, deep))
 
 
 def _whole_number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:

@@ -131,6 +131,12 @@ class Settings(RodSettings):
             checked[parameter.name] = parameter.check(value)
         effects: dict[str, dict[str, float | tuple[float, ...]]] = {}
         tolerances: dict[str, float] = {}
+        whole = EFFECTS_PREFIX.rstrip(".")
+        if values.get(whole) is not None:  # neither absent nor an empty block
+            raise ParameterError(
+                f"{whole} is {values[whole]!r:.80}; it must be a block of blocks, one for each "
+                "effect, such as effects: {point_mass: {mass: 0.01, position: 0.2}}"
+            )
         for key in sorted(k for k in values if k.startswith(EFFECTS_PREFIX)):
             name, _, part = key.removeprefix(EFFECTS_PREFIX).partition(".")
             stated = tolerance_of(name, part)

@@ -319,14 +319,22 @@ def rviz_view(parameters):
 def several_cameras(parameters):
     """The parameter `vision.cameras`; empty where the file has none, or is none for nodes."""
     try:
-        blocks = yaml.safe_load(parameters.read_text(encoding="utf-8")).values()
-        for own in (block["ros__parameters"] for block in blocks):
+        for own in parameter_blocks(yaml.safe_load(parameters.read_text(encoding="utf-8"))):
             cameras = own.get("vision.cameras") or own.get("vision", {}).get("cameras") or []
             if cameras:
                 return [str(name) for name in cameras]
     except (OSError, ValueError, TypeError, LookupError, AttributeError, yaml.YAMLError):
         pass
     return []
+
+
+def parameter_blocks(tree):
+    """The content of each `ros__parameters`, of nodes in nested namespaces, too."""
+    for name, content in tree.items():
+        if name == "ros__parameters":
+            yield content
+        elif isinstance(content, dict):
+            yield from parameter_blocks(content)
 
 
 def with_rviz(given):
