@@ -92,7 +92,10 @@ def test_a_file_for_nodes_of_other_names_is_read(written):
     ("text", "words"),
     [
         (WHOLE + "/observer:\n  ros__parameters:\n", "'ros__parameters' of /observer holds no"),
-        (WHOLE + "    effects: [point_mass]\n", r"effects is \['point_mass'\]; it must be a block of blocks"),
+        (
+            WHOLE + "    effects: [point_mass]\n",
+            r"effects is \['point_mass'\]; it must be a block of blocks",
+        ),
         (WHOLE + "    effects: none\n", "effects is 'none'; it must be a block of blocks"),
         ("rod: {length: 0.4}\n", "has no block"),
         ("", "has no block"),

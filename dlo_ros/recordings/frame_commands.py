@@ -136,7 +136,9 @@ def commands_from_frames(bag: Bag, settings: Settings, skipped: list[str]) -> li
         if not usable:
             wanted = f"command.source is 'pose': {bag.path} has no usable message on"
             last = f" ({skipped[-1]})" if skipped else ""
-            raise CommandError(f"{wanted} {topics.START_POSE} or {topics.END_POSE}{last}")
+            raise CommandError(
+                f"{wanted} {topics.START_POSE} or {topics.END_POSE}{last}{instead(bag)}"
+            )
         frames = usable
     try:
         stamps = instants(transforms, frames, settings.frame_id)
@@ -146,8 +148,15 @@ def commands_from_frames(bag: Bag, settings: Settings, skipped: list[str]) -> li
         return [command_of(transforms, frames, stamps or [bag.start], settings)]
     except InputError as err:
         raise CommandError(
-            f"{bag.path}: command.source is '{settings.command.source}': {err}"
+            f"{bag.path}: command.source is '{settings.command.source}': {err}{instead(bag)}"
         ) from err
+
+
+def instead(bag: Bag) -> str:
+    """Another mend, of a bag that has its motion as a command, such as one made by `import`."""
+    if not bag.holds(topics.COMMAND):
+        return ""
+    return f"; the bag has its motion on {topics.COMMAND}: for that set command.source to topic"
 
 
 def gaps(named: str, stamps: list[int]) -> list[str]:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from dlo_ros.cli.main import main
 from dlo_ros.errors import ParameterError, RecordingError
+from dlo_ros.observation import Observation
 from dlo_ros.parameters import CommandParameters, Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import deserialise, open_bag
@@ -23,6 +24,7 @@ from dlo_ros.recordings.message_building import (
     transform_message,
 )
 from dlo_ros.recordings.read import read_recording
+from dlo_ros.recordings.tables import write_bag
 from dlo_ros.recordings.transforms import common_instants
 from dlo_ros.recordings.write import BagWriter
 
@@ -139,6 +141,18 @@ def test_frames_that_stand_still_are_a_command_that_holds(tmp_path):
 def test_frames_that_are_missing_are_named(told, options, word, tmp_path):
     with pytest.raises(RecordingError, match=word):
         read_recording(bag(tmp_path / "bag", **options), told)
+
+
+@pytest.mark.parametrize("source", ["tf", "pose"])
+def test_a_motion_that_was_imported_as_a_command_is_told(source, tmp_path):
+    made = read_recording(bag(tmp_path / "bag"), settings())
+    shape = np.linspace([0.0] * 4, [0.3, 0.0, 0.0, 0.0], SETTINGS.rod.control_points)
+    observation = Observation(BEGIN, shape)
+    write_bag(tmp_path / "again", SETTINGS, made.commands, [observation])
+    with pytest.raises(RecordingError, match="motion on dlo/command: for that set"):
+        read_recording(tmp_path / "again", settings(source))
+    again = read_recording(tmp_path / "again", SETTINGS)
+    assert np.allclose(again.commands[0].positions, made.commands[0].positions)
 
 
 @pytest.mark.parametrize("poses", [False, True])
