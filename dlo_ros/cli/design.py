@@ -41,7 +41,8 @@ from dlo_ros.identification.estimate import search_information
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.report.design import DesignedExperiment, DesignReport, write_design_report
 from dlo_ros.spline import FloatArray, SplineBasis
-from dlo_ros.synthesis.experiment import Experiment, find_experiment, load_experiment
+from dlo_ros.synthesis.experiment import DURATIONS, Experiment, find_experiment, load_experiment
+from dlo_ros.synthesis.picture_settings import LARGEST_STD
 
 BUNDLED = ("simple", "different", "c_shape", "approach_two", "approach_four")
 NEW = "EXPERIMENT.yaml"
@@ -215,6 +216,13 @@ def _check(arguments: argparse.Namespace) -> None:
         value = getattr(arguments, name)
         if value is not None and not (value > 0 and math.isfinite(value)):
             raise InputError(f"--{name} is {value:g}; it must be above 0 and finite")
+    # What is found is written as an experiment file, which has these limits.
+    for name, (low, high), unit in (
+        ("duration", DURATIONS, "s"), ("noise", (0.0, LARGEST_STD), "m"),
+    ):  # fmt: skip
+        value = getattr(arguments, name)
+        if not low <= value <= high:
+            raise InputError(f"--{name} is {value:g} {unit}; allowed is {low:g} to {high:g} {unit}")
     if arguments.seed < 0:
         raise InputError(f"--seed is {arguments.seed}; it must not be negative")
     if arguments.estimate is not None and (arguments.apart or arguments.report is not None):

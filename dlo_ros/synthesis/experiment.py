@@ -70,6 +70,7 @@ EFFECTS_KEY = EFFECTS_PREFIX.rstrip(".")
 
 ANGLES = ("angle", "swing", "turn")  # of a clamp: about its y, then z, then x axis
 
+DURATIONS = (0.01, 3600.0)  # [s], the shortest and the longest
 REACH = 1e3  # [m] positions further away are typing errors
 UNIT = 1e-3  # by which the length of a quaternion may differ from 1
 FLAT = 1e-9  # [m], [m/s^2] beside the plane y = 0 that is rounding
@@ -176,7 +177,7 @@ def read_experiment(tree: Any, name: str, where: str) -> Experiment:
         name=name,
         truth=truth,
         guess=guess,
-        duration=top.number("duration", 3.0, 0.01, 3600.0),
+        duration=top.number("duration", 3.0, *DURATIONS),
         initial_shape=_curve(top),
         command=_motion(top.block("motion"), truth),
         camera=_finished(SimulatedCamera.read, top.block("camera")),

@@ -15,6 +15,8 @@ Colour = tuple[float, float, float]
 
 COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8}
 
+LARGEST_STD = 1.0  # [m] of a measured point
+
 
 @dataclass(frozen=True)
 class SimulatedCamera:
@@ -185,7 +187,7 @@ class Measurement:
     def read(cls, section: ExperimentBlock) -> Measurement:
         """From the block `measurement` of an experiment file."""
         return cls(
-            std=section.number("std", cls.std, 0.0, 1.0),
+            std=section.number("std", cls.std, 0.0, LARGEST_STD),
             spacing=section.number("spacing", cls.spacing, 1e-5, 1.0),
             twist_std=section.number("twist_std", cls.twist_std, 0.0, 10.0),
         )

@@ -91,10 +91,13 @@ def test_what_diagnose_writes_names_the_rivals_and_the_command(tmp_path):
         (["--report", "nowhere.json"], "nowhere.json: cannot be read"),
         (["--report", "params.yaml"], "params.yaml: is no report.json of diagnose"),
         (["--report", "alone.json"], "alone.json: names no rivals; name the effects: --apart"),
+        (["--duration", "1e9"], "--duration is 1e+09 s; allowed is 0.01 to 3600 s"),
+        (["--duration", "1e-3"], "--duration is 0.001 s; allowed is 0.01 to 3600 s"),
+        (["--noise", "5"], "--noise is 5 m; allowed is 0 to 1 m"),
         (["--report", "strange.json"], "'clamp_angle' has no parameter 'size'"),
     ],
 )
-def test_what_cannot_be_separated_is_refused_at_once(tmp_path, monkeypatch, capsys, words, said):
+def test_what_cannot_be_used_is_refused_at_once(tmp_path, monkeypatch, capsys, words, said):
     monkeypatch.chdir(tmp_path)
     report(tmp_path / "alone.json", rivals=[])
     report(tmp_path / "strange.json", rival_values={"clamp_angle": {"size": 1.0}})
