@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 
 import numpy as np
 
@@ -136,7 +137,10 @@ def standard_scene(settings: Settings) -> ComparedMotion:
 def recorded_scene(
     manipulation: Manipulation, settings: Settings, full: Settings
 ) -> ComparedMotion:
-    """A recording's motion, from its first observed shape.
+    """A recording's motion, from its first observed shape until other parts of the DLO are held.
+
+    An exported cable keeps its grips: where a command lets an end go or takes another, the rest of
+    the recording cannot be compared, and the scene's name says so.
 
     Args:
         settings: settings of the rod, without effects of the measurement.
@@ -153,9 +157,24 @@ def recorded_scene(
     begin = 1 if settings.simulation.start == "moving" and len(seen) > 1 else 0
     stamps = [o.stamp for o in seen[begin:]]
     motion = motion_of(manipulation)
-    scene = _simulated(manipulation.name, settings, motion, seen[:2], stamps)
-    observed = np.array([o.control_points[:, :3] for o in manipulation.observations[begin:]])
+    kept, name = _alike(motion, stamps), manipulation.name
+    if len(kept) < len(stamps):
+        name += f", up to {(kept[-1] - stamps[0]) / NANOSECONDS:.2f} s, where its grips change"
+    scene = _simulated(name, settings, motion, seen[:2], kept)
+    used = manipulation.observations[begin : begin + len(kept)]
+    observed = np.array([o.control_points[:, :3] for o in used])
     return replace(scene, observed=observed, camera=camera)
+
+
+def _alike(motion: Motion, stamps: Sequence[int]) -> list[int]:
+    """The stamps [ns] until what is held is no more what is held at the first of them."""
+
+    def held(stamp: int) -> frozenset[str]:
+        command = motion.at(stamp)
+        return frozenset(command.names if command else ())
+
+    first = held(stamps[0])
+    return list(takewhile(lambda stamp: held(stamp) == first, stamps))
 
 
 def _simulated(

@@ -16,6 +16,8 @@ from dlo_ros.export.fidelity import another_chain, first_chain, measure, step_of
 from dlo_ros.export.mjcf import PLUGIN, mjcf
 from dlo_ros.export.mujoco_run import MujocoCable
 from dlo_ros.export.scenes import recorded_scene, standard_scene
+from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.observation import Observation
 from dlo_ros.parameters import RodParameters, Settings
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: make test-export")
@@ -134,6 +136,33 @@ def test_the_tool_reaches_what_is_asked_for_and_writes_it(plugin, tmp_path, caps
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_step(model, data, 200)
     assert np.all(np.isfinite(data.qpos))
+
+
+def test_a_recording_is_compared_until_a_grip_lets_go():
+    """The exported cable's grips stay; the rod falls."""
+    settings = Settings(STIFF)
+    scene = standard_scene(settings)
+    first = scene.shapes[0]
+    still = replace(
+        scene.command, names=("start", "end"), times=np.zeros(1),
+        positions=np.array([[first[0], first[-1]]]), velocities=np.full((1, 2, 3), np.nan),
+        rotations=np.array([[[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0]]]),
+    )  # fmt: skip
+    loose = replace(
+        still, stamp=200_000_000, names=("start",), positions=still.positions[:, :1],
+        velocities=still.velocities[:, :1], rotations=still.rotations[:, :1],
+    )  # fmt: skip
+    shape = np.hstack([first, np.zeros((len(first), 1))])
+    seen = tuple(Observation(k * 50_000_000, shape) for k in range(9))
+    settings = scene.settings
+    recording = Manipulation("loose", (still, loose), seen)
+    found = recorded_scene(recording, settings, settings)
+    assert found.stamps == tuple(o.stamp for o in seen[:4]) and len(found.observed) == 4
+    assert found.name == "loose, up to 0.15 s, where its grips change"
+    measured = measure(mujoco, found, settings, 16, 5e-4, plugin=False)
+    assert measured.static < 0.01 and measured.largest < 0.01
+    held = recorded_scene(replace(recording, commands=(still,)), settings, settings)
+    assert len(held.stamps) == 9 and held.name == "loose"
 
 
 REAL = {
