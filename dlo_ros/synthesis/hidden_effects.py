@@ -25,6 +25,7 @@ Effects = Mapping[str, Values]
 
 PI = float(np.pi)
 ENDS = ("start", "end")
+NORMAL = np.array([0.0, 1.0, 0.0])  # of the board's plane
 
 
 @dataclass(frozen=True)
@@ -211,6 +212,20 @@ class HiddenEffects:
         given = self.effects.get(name, {}).get(key, (0.0, 0.0))
         values = np.array(given, dtype=np.float64)
         return values if len(values) == 3 else np.array([values[0], 0.0, values[1]])
+
+    def in_hand(self, name: str, key: str, hand: FloatArray) -> FloatArray:
+        """An offset in a hand that holds the rope, in the board's frame [m], shape (3,).
+
+        Three numbers are along the hand's x, y and z; two along the rope and across it in the
+        board's plane, however the hand is rolled about the rope.
+
+        Args:
+            hand: rotation matrix of the hand, shape (3, 3).
+        """
+        given = np.array(self.effects.get(name, {}).get(key, (0.0, 0.0)), dtype=np.float64)
+        if len(given) == 3:
+            return np.asarray(hand @ given)
+        return np.asarray(given[0] * hand[:, 0] + given[1] * np.cross(hand[:, 0], NORMAL))
 
     def turn(self, name: str, key: str) -> FloatArray:
         """A rotation vector about x, y, z [rad], of which y may have been given alone, (3,)."""

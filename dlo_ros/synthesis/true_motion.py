@@ -118,7 +118,7 @@ class Grips:
         }
         self._pins = [m for m in self._command.names if m not in self._pairs.values()]
         self._nodes: dict[str, int] = {}
-        hidden = experiment.hidden
+        hidden = self._hidden = experiment.hidden
         self._delay = hidden.number("command_delay", "delay")
         self._turned = {
             end: Rotation.from_rotvec(hidden.turn("clamp_angle", end)).as_matrix()
@@ -129,11 +129,8 @@ class Grips:
             for end, tip in ((START, f"{CONTROL_POINT}1"), (END, f"{CONTROL_POINT}{n}"))
             for name in (end, tip)
         }
-        self._in_hand = {
-            end: (
-                hidden.vector("grip_offset", end),
-                Rotation.from_rotvec(hidden.tilt("grip_angle", end)).as_matrix(),
-            )
+        self._tilted = {
+            end: Rotation.from_rotvec(hidden.tilt("grip_angle", end)).as_matrix()
             for end in (START, END)
         }
         steps = np.linalg.norm(np.diff(self._command.positions, axis=0), axis=2).sum(axis=1)
@@ -171,9 +168,8 @@ class Grips:
         turned = {}
         for name, hand in zip(self._command.names, hands, strict=True):
             if name in (START, END):
-                offset, tilt = self._in_hand[name]
-                at[name] = at[name] + hand @ offset
-                turned[name] = self._turned[name] @ hand @ tilt
+                at[name] = at[name] + self._hidden.in_hand("grip_offset", name, hand)
+                turned[name] = self._turned[name] @ hand @ self._tilted[name]
         return at, turned
 
     def _directions(

@@ -94,6 +94,19 @@ def test_in_the_plane_it_moves_as_the_planar_rod_does(case):
         assert np.linalg.norm(flat - without(name), axis=2).max() > 3.0 * apart
 
 
+@pytest.mark.parametrize("own", [False, True])
+def test_of_a_grip_that_rolls_two_numbers_stay_in_the_plane_and_three_roll_with_it(own):
+    angle, roll, along, across = 0.4, 1.1, 0.01, 0.02
+    still = {"time": 0.0, "position": [0.1, 0.0, 0.2], "angle": angle}
+    motion = {"start": [still, still | {"time": 0.2, "turn": roll}]}
+    offset = [along, 0.0, across] if own else [along, across]
+    rope = tree(WAVED | {"motion": motion}, {"grip_offset": {"start": offset}}, DURATION)
+    _, grips = build_simulation(read_experiment(rope, "test", "test.yaml"), edges=30)
+    place = grips.spatial_boundary(0.2).positions[0]
+    turn = Rotation.from_euler("YX", [angle, roll if own else 0.0]).as_matrix()
+    np.testing.assert_allclose(place, [0.1, 0.0, 0.2] + turn @ [along, 0.0, across], atol=1e-12)
+
+
 @pytest.mark.parametrize("effects", [
     {"constant_force": {"x": 0.0, "y": 0.2, "z": -0.1}},
     {"gravity_tilt": {"across": 0.3}},
