@@ -82,7 +82,14 @@ def build_spatial_rod(
     angle = hidden.number("anisotropy", "angle")
     soft = np.array([np.cos(angle), np.sin(angle)])  # axis about which it bends more easily
     stiff = np.array([-soft[1], soft[0]])
-    rod.section = np.outer(soft, soft) + ratio * np.outer(stiff, stiff)
+    section = np.outer(soft, soft) + ratio * np.outer(stiff, stiff)
+    rod.section = np.tile(section, (len(rod.mass), 1, 1))
+    # A grip gives alike about every axis, however flat the rope is that it holds.
+    for end, key in ((0, "start"), (-1, "end")):
+        whole = rod.bending_stiffness[end]
+        give = hidden.number("clamp_compliance", key) / rod.vertex_lengths[end]
+        softness = (1.0 / whole - give) * np.linalg.inv(section) + give * np.eye(2)
+        rod.section[end] = np.linalg.inv(softness) / whole
     return rod
 
 

@@ -40,18 +40,21 @@ class SpatialRod(DiscreteRod):
         twist_stiffness: C of the vertices [N m^2], shape (N + 1,).
         spin_inertia: moments of inertia of the edges about their axis [kg m^2], shape (N,).
         second_curvature: curvature at rest about the second director [1/m], shape (N + 1,).
-        section: bending stiffness over `bending_stiffness` in the material frame, shape (2, 2).
+        section: bending stiffness of the vertices over `bending_stiffness` in the material frame,
+            shape (N + 1, 2, 2); empty: they bend alike about all axes.
     """
 
     twist_stiffness: FloatArray = field(default_factory=lambda: np.zeros(0))
     spin_inertia: FloatArray = field(default_factory=lambda: np.zeros(0))
     second_curvature: FloatArray = field(default_factory=lambda: np.zeros(0))
-    section: FloatArray = field(default_factory=lambda: np.eye(2))
+    section: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 2)))
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not len(self.second_curvature):
             self.second_curvature = np.zeros(len(self.mass))
+        if not len(self.section):
+            self.section = np.tile(np.eye(2), (len(self.mass), 1, 1))
 
     @property
     def rest_strain(self) -> FloatArray:
@@ -75,6 +78,7 @@ class SpatialRod(DiscreteRod):
             twist_stiffness=self.twist_stiffness[keep],
             spin_inertia=np.add.reduceat(self.spin_inertia, keep[:-1]),
             second_curvature=self.second_curvature[keep],
+            section=self.section[keep],
         )
 
 

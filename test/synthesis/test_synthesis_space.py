@@ -107,6 +107,24 @@ def test_of_a_grip_that_rolls_two_numbers_stay_in_the_plane_and_three_roll_with_
     np.testing.assert_allclose(place, [0.1, 0.0, 0.2] + turn @ [along, 0.0, across], atol=1e-12)
 
 
+@pytest.mark.parametrize("end", ["start", "end"])
+@pytest.mark.parametrize("flat", [{}, {"ratio": 3.0, "angle": 0.3}])
+def test_a_grip_gives_alike_about_every_axis(flat, end):
+    """Angle over moment grows by the grip's compliance, of a flat rope, too."""
+    effects = {"anisotropy": flat} if flat else {}
+    soft = effects | {"clamp_compliance": {end: 7.0}}
+    bent, given = (
+        np.linalg.inv(built.vertex_stiffness()[0 if end == "start" else -1, :2, :2])
+        for built in (
+            build_spatial_rod(made.truth, made.hidden, edges=30)
+            for made in (
+                read_experiment(tree(TWISTED, e, DURATION), "test", "x") for e in (effects, soft)
+            )
+        )
+    )
+    np.testing.assert_allclose(given - bent, 7.0 * np.eye(2), atol=1e-9)
+
+
 @pytest.mark.parametrize("effects", [
     {"constant_force": {"x": 0.0, "y": 0.2, "z": -0.1}},
     {"gravity_tilt": {"across": 0.3}},
