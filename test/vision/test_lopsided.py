@@ -90,18 +90,19 @@ def test_a_lens_in_focus_is_no_motion(lens):
 
 
 @pytest.mark.parametrize(
-    ("which", "ends", "seed"),
+    ("which", "ends", "seed", "found"),
     [
-        ("other", "both", 142034),
-        ("dark", "start", 143005),
-        ("dark", "start", 143077),
-        ("dark", "start", 195013),
-        ("dark", "start", 195035),
+        ("other", "both", 142034, "right"),
+        ("dark", "start", 143005, "right"),
+        ("dark", "start", 143077, "right"),
+        ("dark", "start", 195013, "right"),
+        # Its free end lies in the shadow, and is found 3.1 stds off.
+        ("dark", "start", 195035, "wrong"),
     ],
 )
-def test_a_highlight_beside_the_middle_is_part_of_the_std(which, ends, seed):
+def test_a_highlight_beside_the_middle_is_part_of_the_std(which, ends, seed, found):
     verdict = judge(seed, which, ends)
-    assert verdict.found != "silent"  # where the free end in the dark lies is another matter
+    assert verdict.found in ("right", found)
     assert verdict.across < 2.5  # 6, 29, 20, 5.4 and 2.8 without it
 
 
