@@ -294,11 +294,15 @@ def experiment_text(
         *groups, key = name.split(".")
         if (groups or [key])[0] not in ("rod", "damping", "camera", "effects", "gravity"):
             continue
-        # A tolerance is what an experimenter states, and nothing that a rope has.
-        node = guess if name in stated else parameters
-        for group in groups:
-            node = node.setdefault(group, {})
-        node[key] = list(value) if isinstance(value, tuple) else value
+        # A tolerance is what an experimenter states, and nothing that a rope has; an effect of the
+        # parameter file is known to the experimenter, too.
+        sides = [guess] if name in stated else [parameters]
+        if name.startswith(EFFECTS_PREFIX) and name not in stated:
+            sides.append(guess)
+        for node in sides:
+            for group in groups:
+                node = node.setdefault(group, {})
+            node[key] = list(value) if isinstance(value, tuple) else value
     motion = {}
     for name, rows in imposed(candidate, workspace.duration, settings.rod.control_points).items():
         motion[name] = [_point(row, name in (START, END)) for row in rows]

@@ -200,8 +200,8 @@ def test_candidates_keep_within_the_workspace(kind):
         candidate = varied(candidate, 0.3, PLACE, 0.4, rng)
 
 
-def test_an_experiment_that_is_found_states_the_tolerances_of_the_set_up():
-    """They are no part of the rope, and are known of the next recording, too."""
+def test_an_experiment_that_is_found_states_what_is_known_of_the_set_up():
+    """Effects and tolerances of the parameter file are known of the next recording, too."""
     candidate = draw("free", PLACE, 0.4, np.random.default_rng(3))
     known = {"effects.clamp_angle.start": 0.02, "effects.clamp_angle.start_std": 0.01}
     settings = Settings.from_mapping(PAPER.flat() | known)
@@ -209,7 +209,8 @@ def test_an_experiment_that_is_found_states_the_tolerances_of_the_set_up():
         yaml.safe_load(experiment_text(candidate, PLACE, settings, Noise(), "x")), "found", "test"
     )
     assert made.hidden.number("clamp_angle", "start") == 0.02
-    assert made.guess.tolerances == {"clamp_angle.start": 0.01} and not made.guess.effects
+    assert made.guess.tolerances == {"clamp_angle.start": 0.01}
+    assert made.guess.effects == {"clamp_angle": {"start": 0.02}}
 
 
 @pytest.mark.slow
