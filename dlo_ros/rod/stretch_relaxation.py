@@ -7,7 +7,8 @@ the given shape: without it, what is too short between two points that are held 
 waves as short as the basis allows. Beside a grip that gives the DLO is turned by the given shape's
 moment, see `hinge_bending`. Pull and bending go from strong to weak together: a compression by a
 share e of the length is held straight while e^2 is less than 4 `pull` `bend` (beam on an elastic
-foundation).
+foundation). An end that is held otherwise than it was observed leads the DLO aside over a length of
+sqrt(`STRAIGHT`), an eighth of the whole.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ APPROACH = 10  # steps to what is held, at least
 SMALLEST = 1e-3  # of the way there: a smaller step is not tried
 SLOWEST = 0.9  # of the pull: smaller reductions are not tried
 PROJECTIONS = 20  # onto the surface of a peg for each point of contact, at most
-STRAIGHT = 0.05  # of the length: radius of gyration that the bending stiffness stands for
+STRAIGHT = 0.015  # of the length: radius of gyration that the bending stiffness stands for
 
 
 class Relaxation:

@@ -255,7 +255,7 @@ def test_derivatives_across_the_plane(same_steps, name, effects, slack, start, s
     # Twist that the frames gather on the way to rest is no spline, as theta is: what they gather
     # depends on the way by the error of the discretisation.
     slack = ON_THE_WAY if start == "equilibrium" else slack
-    check(started, imposed, name, slack, space, first=first, wide=300.0)
+    check(started, imposed, name, slack, space, first=first, wide=150.0)
 
 
 @pytest.mark.parametrize("space", some_of([False, True], [True]), ids=["plane", "space"])
