@@ -21,6 +21,7 @@ GYRATION = 0.1  # of the length: a spin counts as this displacement where one mu
 MOST_STEPS = 4000  # on the way to an equilibrium
 SHORTEST = 1e-9  # [s] of pseudo time, below which nothing goes downhill any more
 RESTING = 1e-9  # [m] of a step that means nothing any more
+NEWTON = 1e3  # [s] of pseudo time, above which a step is one of Newton's method
 PUSHES = 3  # off unstable equilibria
 MOST_TURNS = 60  # of a rod or its end, until the first shape is free of twist
 UNTWISTED = 1e-9  # [rad] of twist that may be left at the start
@@ -118,9 +119,9 @@ def fallen(shape: Frames, p: SpatialPotential, rod: SpatialRod) -> Frames:
             after, slope, stiff = evaluate(trial, none, p)
             if after <= value + rounding + 1e-12 * abs(value):
                 shape, value, gradient, band = trial, after, slope, stiff
-                if h > 1e3 and largest < RESTING:
+                if h > NEWTON and largest < RESTING:
                     return shape
-                h *= 1.6
+                h = min(1.6 * h, 10.0 * NEWTON)
                 continue
         h *= 0.3
         if h < SHORTEST:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from field import spatial
 from twins import compare
 
 from dlo_ros.errors import SimulationError
@@ -63,6 +64,14 @@ def test_the_spline_rod_hangs_between_two_pins_as_it_does():
     )  # fmt: skip
     assert np.abs(points[0, :, 1]).max() > 0.05
     assert found.start < 5e-3 and found.worst < 8e-3
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_a_rope_that_turns_a_long_way_to_rest_gets_there(tmp_path):
+    """Between both grips hardly anything leads it downhill: that takes a thousand short steps."""
+    spatial.draw(9979, 2, own_rope=True).write(tmp_path)
+    assert (tmp_path / "case.json").exists()
 
 
 def test_a_rod_without_an_equilibrium_is_told(monkeypatch):
