@@ -232,10 +232,9 @@ def _contacts(
         soon = [r.until(end) for r, end in zip(hit.recordings, ends, strict=True)]
         found += hit.holding([s for _, s in _fits(replace(hit, recordings=tuple(soon)), kinds)])
     found.sort(key=lambda f: f[0])
-    best = [f for name in kinds for f in [f for f in found if f[1].effect == name][:BEGUN]]
-    least = min((squares for squares, _ in best), default=0.0)
-    kept = [f for f in best if f[0] < MUCH_LARGER**2 * least]
-    return [start for _, start in sorted(kept, key=lambda f: f[0])]
+    least = found[0][0] if found else 0.0
+    near = [start for squares, start in found if squares < MUCH_LARGER**2 * least]
+    return [s for s in near if s in [other for other in near if other.effect == s.effect][:BEGUN]]
 
 
 def _fits(hit: _Disturbed, kinds: Collection[str]) -> list[tuple[float, Start]]:
