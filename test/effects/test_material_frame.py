@@ -112,7 +112,7 @@ def test_control_points_that_are_held_give_no_frame():
 
 @pytest.mark.parametrize("mode", ["equilibrium", "observed"])
 @pytest.mark.parametrize("effects", [FLAT, CURVED], ids=["flat", "curved"])
-def test_the_derivative_by_a_roll_of_the_clamp(effects, mode):
+def test_the_derivative_by_a_roll_of_the_clamp(same_steps, effects, mode):
     """It turns what is flat or curved, and twists nothing at the beginning."""
     name, step = "effects.clamp_angle.start[0]", 2e-3
 

@@ -8,10 +8,10 @@ import pytest
 from ordinary import some_of
 from rods import PAPER, SECOND, command
 
-from dlo_ros.command import Command, Motion
+from dlo_ros.command import Motion
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
-from dlo_ros.rod import compiled_rod, integration
+from dlo_ros.rod import compiled_rod
 from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.sensitivity_parameters import STEP, known, variation_of
@@ -216,14 +216,6 @@ def at_rest(settings, imposed):
         shape = MeasurementMap(settings).true(simulation.prediction().control_points)
         shape[:, 3] = 0.0
     return MeasurementMap(settings).measured(shape)
-
-
-@pytest.fixture
-def same_steps(monkeypatch):
-    """Every run takes the same steps and solves them exactly."""
-    monkeypatch.setattr(integration, "STEP_SHARE", 1e3)
-    monkeypatch.setattr(integration, "NEWTON_SHARE", 1e-11)
-    monkeypatch.setattr(Command, "corners", lambda command, *_: command.times)
 
 
 @pytest.mark.parametrize("space", some_of([False, True], [False]), ids=["plane", "space"])

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from rods import PAPER, SECOND, command
 
-from dlo_ros.command import Command, Motion
+from dlo_ros.command import Motion
 from dlo_ros.observation import Observation
-from dlo_ros.rod import integration
 from dlo_ros.rod.sensitivity_parameters import variation_of
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
@@ -25,14 +24,6 @@ LAWS = {
     "rubs": {"hysteresis": {"moment": 2e-3, "curvature": 2.0}},
 }
 STOPS = range(SECOND // 200, SECOND // 4 + 1, SECOND // 200)
-
-
-@pytest.fixture
-def same_steps(monkeypatch):
-    """Every run takes the same steps and solves them exactly."""
-    monkeypatch.setattr(integration, "STEP_SHARE", 1e3)
-    monkeypatch.setattr(integration, "NEWTON_SHARE", 1e-11)
-    monkeypatch.setattr(Command, "corners", lambda command, *_: command.times)
 
 
 def swung():
