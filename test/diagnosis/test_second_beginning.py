@@ -62,17 +62,29 @@ def test_a_search_with_another_first_cause_must_certainly_explain_more_and_come_
     assert result.trace == ("first", "second", "third")[: len(asked) + 1]  # all is told
 
 
-def test_nothing_is_searched_where_the_result_is_simple_or_lacks_something_or_has_that_cause(
-    monkeypatch,
-):
+@pytest.mark.parametrize("complete", [True, False])
+def test_where_a_result_leaves_something_the_other_must_leave_nothing(monkeypatch, complete):
+    """A single cause that leaves something may be the wrong one, too."""
+    left = evaluation(100.0)
+    other = Search(evaluation(1000.0, 0.5e-3), (PLUG, GIVE), ("second",), None)
+    monkeypatch.setattr(
+        second_beginning, "leaves_something", lambda at, *_: at is left or not complete
+    )
+    monkeypatch.setattr(second_beginning, "fit", lambda at, *_: at)
+    monkeypatch.setattr(second_beginning, "search", lambda *_, **__: other)
+    monkeypatch.setattr(second_beginning, "tells_apart", lambda *_: True)
+    monkeypatch.setattr(second_beginning, "comes_nearer", lambda *_: True)
+    first = Search(left, (MASS,), ("first",), None, (evaluation(90.0), PLUG))
+    result = best_of_beginnings(first, SETUP, None, (), (), 1e-4)
+    assert result.causes == ((PLUG, GIVE) if complete else (MASS,))
+
+
+def test_nothing_is_searched_where_the_result_is_simple_or_has_that_cause(monkeypatch):
     monkeypatch.setattr(second_beginning, "search", lambda *_, **__: pytest.fail("searched"))
     alone = found(100.0, None)
     assert best_of_beginnings(alone, SETUP, None, (), (), np.inf) is alone
     single = found(100.0, (evaluation(60.0), PLUG), causes=(MASS,))
     monkeypatch.setattr(second_beginning, "leaves_something", lambda *_: False)
     assert best_of_beginnings(single, SETUP, None, (), (), np.inf) is single
-    monkeypatch.setattr(second_beginning, "leaves_something", lambda *_: True)
-    lacking = found(100.0, (evaluation(60.0), PLUG))
-    assert best_of_beginnings(lacking, SETUP, None, (), (), np.inf) is lacking
     with_it = found(100.0, (evaluation(60.0), PLUG), causes=(MASS, PLUG))
     assert best_of_beginnings(with_it, SETUP, None, (), (), np.inf) is with_it

@@ -34,15 +34,16 @@ def best_of_beginnings(
     It goes on beyond two causes where these gain nearly as much as the first two of the result.
 
     Args:
-        found: the result; it stays where the second cause is part of it, where it has a single
-            cause, or where it leaves something that matters: evidence is that of a wrong model
-            there, and any beginning may seem the better one.
+        found: the result; it stays where the second cause is part of it, or where a single cause
+            leaves nothing that matters. Where it leaves something, evidence is that of a wrong
+            model, and any beginning may seem the better one: the other one must leave nothing.
         setup: the set-up without causes, fitted.
         neutral, begun, enough: see `cause_search.search`.
     """
     if found.second is None or found.second[1].effect in {c.effect for c in found.causes}:
         return found
-    if len(found.causes) == 1 or leaves_something(found.at, recordings, enough):
+    left = leaves_something(found.at, recordings, enough)
+    if len(found.causes) == 1 and not left:
         return found
     at, cause = found.second
     there = fit(at, recordings, FIT_ITERATIONS)
@@ -60,4 +61,6 @@ def best_of_beginnings(
     gain = log_bayes_factor(other.at, found.at)
     LOG.info("begun with %s: %+.1f in evidence", cause.label, gain)
     better = tells_apart(other.at, found.at) and comes_nearer(other.at, found.at, recordings)
+    if better and left:
+        better = not leaves_something(other.at, recordings, enough)
     return replace(other if better else found, trace=(*found.trace, *other.trace))
