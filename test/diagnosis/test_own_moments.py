@@ -155,6 +155,7 @@ def test_the_moments_are_found(slipping, at_one_moment):
     assert not numbers["length"].own
 
 
+@pytest.mark.slow
 def test_one_moment_stays_where_others_explain_no_more(slipping, at_one_moment):
     recordings, _ = slipping
     cause, model = at_one_moment
