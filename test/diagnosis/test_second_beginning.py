@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from field import evaluate, generate
 
 from dlo_ros.diagnosis.explain import second_beginning, trials
 from dlo_ros.diagnosis.explain.cause_search import Search
@@ -88,3 +89,13 @@ def test_nothing_is_searched_where_the_result_is_simple_or_has_that_cause(monkey
     assert best_of_beginnings(single, SETUP, None, (), (), np.inf) is single
     with_it = found(100.0, (evaluation(60.0), PLUG), causes=(MASS, PLUG))
     assert best_of_beginnings(with_it, SETUP, None, (), (), np.inf) is with_it
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_a_peg_does_not_stay_where_a_wall_explains_all_beside_others(tmp_path):
+    """While a quadratic drag and a creep are missing, a peg gains more than the wall."""
+    result = evaluate.solve(generate.draw(4940, 3, own_rope=True), tmp_path)
+    assert result.verdict == "explained"
+    assert {"wall", "quadratic_drag"} <= set(result.named) and not result.wrong
+    assert result.share > 0.95
