@@ -53,6 +53,7 @@ class IdentifierNode(DloNode):
         self._pairing = Pairing()
         self._motion = Motion()
         self._paused = False
+        self._determined: tuple[str, ...] = ()
         self._clouds: OrderedDict[int, CentrelinePoints] = OrderedDict()
         self._held: deque[tuple[float, Observation]] = deque()
         self._last_observed = 0
@@ -72,7 +73,7 @@ class IdentifierNode(DloNode):
         self._forces = MeasuredForces(self)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.every(PATIENCE / 2, self._release)
-        self.health.waiting(topics.OBSERVED)
+        self._say_state()
         self.prepare(("rod",), compile_kernels)
 
     def begin(self) -> None:
@@ -114,11 +115,15 @@ class IdentifierNode(DloNode):
         self._forces.forget()
         self._last_observed = 0
         self._err = math.nan
+        self._determined = ()
+        self.health.values.clear()
+        self._say_state()
 
     def _on_command(self, command: Command) -> None:
         self._motion.add(command)
         del self._motion.commands[:-500]
         self._estimator.command(command)
+        self._say_state()
 
     def _on_points(self, message: Any) -> None:
         points = read_points(message, self.settings)
@@ -150,6 +155,7 @@ class IdentifierNode(DloNode):
             self.health.count("late splines left out of the estimate")
             return
         self._last_observed = stamp
+        self._say_state()
         self._held.append((time.monotonic() + PATIENCE, observation))
         self._release()
 
@@ -234,10 +240,22 @@ class IdentifierNode(DloNode):
         delay, std = estimate.delay or ("unknown", "unknown")
         values["command delay [s]"], values["command delay std [s]"] = delay, std
         values["traded"] = "; ".join(f"{a} and {b}" for a, b in estimate.traded) or "none"
-        known = [name for name, yes in estimate.identifiable.items() if yes]
+        self._determined = tuple(name for name, yes in estimate.identifiable.items() if yes)
+        self._say_state()
+
+    def _say_state(self) -> None:
+        """Set the status: what is missing, or what the data determine."""
+        missing = [] if self._motion.commands else [topics.COMMAND]
+        if not self._last_observed:
+            missing.append(topics.OBSERVED)
+        if missing:
+            paused = "; paused" if self._paused else ""
+            self.health.waiting(" and ".join(missing) + paused)
+            return
         state = "paused" if self._paused else "estimating"
+        known = ", ".join(self._determined)
         self.health.running(
-            f"{state}; the data determine {', '.join(known)}"
+            f"{state}; the data determine {known}"
             if known
             else f"{state}; the data do not determine the material yet"
         )
@@ -253,9 +271,11 @@ class IdentifierNode(DloNode):
 
     def _on_pause(self, request: Any, response: Any) -> Any:
         self._paused = bool(request.data)
+        self._estimator.pause(self._paused)
+        self._say_state()
+        self._wake.trigger()  # a step that was under way has had its outcome meanwhile
         response.success = True
         response.message = "paused" if self._paused else "running"
-        self.health.running(response.message)
         return response
 
 

@@ -264,6 +264,7 @@ class SimulatorNode(DloNode):
 
     def _stop(self) -> None:
         self._simulation.reset()
+        self.health.values.clear()
         self._next = 0
         self._retry_at = 0.0
         self._untried = True

@@ -181,9 +181,22 @@ def test_a_simulator_that_is_started_again_gets_the_estimate_again(playing):
 
 def test_pause_and_reset(playing):
     client = playing.client
-    answer = client.call(SetBool, "/identifier/pause", SetBool.Request(data=True))
-    assert answer.success and answer.message == "paused"
-    answer = client.call(SetBool, "/identifier/pause", SetBool.Request(data=False))
-    assert answer.success and answer.message == "running"
+
+    def pause(paused: bool, said: str, state: str) -> None:
+        answer = client.call(SetBool, "/identifier/pause", SetBool.Request(data=paused))
+        assert answer.success and answer.message == said
+        client.until(
+            lambda: playing.status("identifier").message.startswith(state), 10.0, f"{state!r}"
+        )
+
+    pause(True, "paused", "no observed splines")  # more than that they have ended for long
+    pause(False, "running", "no observed splines")
     for name in NODES:
         assert client.call(Trigger, f"/{name}/reset", Trigger.Request()).success
+    # What is forgotten is no longer said, and a pause hides nothing that is missing.
+    missing = "waiting for dlo/observed"
+    pause(True, "paused", f"{missing}; paused")
+    pause(False, "running", missing)
+    values = playing.values("identifier")
+    assert not {"young_modulus [Pa]", "specific_modulus identifiable", "ERR [mm]"} & set(values)
+    assert "tension [N]" not in playing.values("simulator")

@@ -267,6 +267,32 @@ def test_splines_that_wait_leave_time_for_the_work_that_makes_an_estimate_right(
     assert Lagging.made.worked[-1] <= min(12, waiting)
 
 
+def test_an_estimate_holds_while_the_estimator_is_paused(monkeypatch):
+    """What waits, and what comes of a step under way, is for later."""
+    from dlo_ros.nodes import estimator_thread
+    from dlo_ros.observation import Observation
+
+    monkeypatch.setattr(estimator_thread, "OnlineEstimator", Lagging)
+    thread = estimator_thread.EstimatorThread(samples.SETTINGS, lambda: None)
+    for k in range(20):
+        thread.observe(Observation(k, samples.control_points()))
+    thread.start()
+    thread.pause(True)
+    time.sleep(0.1)
+    waiting = thread.waiting
+    assert waiting > 0 and thread.take() == []
+    time.sleep(0.1)
+    assert thread.waiting == waiting and thread.take() == []
+    thread.pause(False)
+    deadline = time.monotonic() + 60.0
+    outcomes = []
+    while len(outcomes) < 20 and time.monotonic() < deadline:
+        outcomes += [o for o in thread.take() if not o.later]
+        time.sleep(0.01)
+    thread.stop()
+    assert [o.stamp for o in outcomes] == list(range(20))
+
+
 def test_commands_through_two_subscriptions_hold_in_the_order_of_receipt():
     """The latched one was handed over first, the last of a storm before it afterwards."""
     pytest.importorskip("rclpy")
