@@ -7,8 +7,6 @@ import time
 from collections import deque
 from typing import Any
 
-import numpy as np
-
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.errors import InputError, VisionError
 from dlo_ros.nodes import qos
@@ -132,10 +130,13 @@ class ObserverNode(DloNode):
         self._build()
 
     def check_settings(self, settings: Settings) -> None:
-        """Refuse image files that cannot be read, or that do not fit the camera's images."""
+        """Refuse image files that cannot be read, or that do not fit the camera's images, and a
+        camera that lies in the board's plane.
+        """
         hints = Hints(settings.vision)
         if self._info is not None:
             hints.check_size(self._info.width, self._info.height)
+            _camera(self._info, settings).check_before_board()
 
     def _choose_transport(self) -> None:
         """Subscribe to raw or compressed images, whichever is published; compressed if both."""
@@ -173,6 +174,8 @@ class ObserverNode(DloNode):
 
     def _on_camera_info(self, message: Any) -> None:
         info = read_camera_info(message)
+        if info != self._info:
+            _camera(info, self.settings)  # one that is refused replaces none that is good
         self.health.solved(topics.CAMERA_INFO)
         self.health.hardware_id = str(message.header.frame_id) or "camera"
         if info != self._info or self._observer is None:
@@ -183,16 +186,8 @@ class ObserverNode(DloNode):
     def _build(self) -> None:
         if self._info is None or not self.ready:
             return
-        camera = Camera(
-            matrix=np.array(self._info.k),
-            distortion=self._info.d,
-            width=self._info.width,
-            height=self._info.height,
-            pose=self.settings.camera,
-            model=self._info.distortion_model,
-        )
         self._observer = None
-        self._observer = Observer(self.settings, camera, self._motion)
+        self._observer = Observer(self.settings, _camera(self._info, self.settings), self._motion)
         self._observer.mask = self._mask
 
     def _on_image(self, message: Any) -> None:
@@ -228,6 +223,8 @@ class ObserverNode(DloNode):
     def _see(self, message: Any) -> None:
         began = time.perf_counter()
         stamp = stamp_of(message)
+        if self._observer is None:
+            self._build()  # or say what is wrong with the camera that is known
         if self._observer is None:
             self.health.warn(
                 topics.CAMERA_INFO, f"images come, but no usable {topics.CAMERA_INFO} yet"
@@ -319,6 +316,13 @@ class ObserverNode(DloNode):
         picture = draw_overlay(image, self._observer.camera, length, result, predicted, problem)
         frame = str(message.header.frame_id)
         self._overlay_publisher.publish(image_message(ROS_MESSAGES, stamp, frame, picture))
+
+
+def _camera(info: CameraInfo, settings: Settings) -> Camera:
+    """The camera with these intrinsics, where the parameters say that it is."""
+    return Camera.from_info(
+        info.k, info.d, info.distortion_model, info.width, info.height, settings.camera
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:

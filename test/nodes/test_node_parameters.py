@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import recordings_samples as samples
 import yaml
 
 pytest.importorskip("rclpy")
@@ -17,7 +18,7 @@ pytest.importorskip("rclpy")
 from live_graph import Client, Process, to_ros
 from live_system import GUESS, NODES, straight, swing
 from ordinary import some_of
-from rclpy.qos import DurabilityPolicy
+from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data
 
 from dlo_ros.demo.network import free_domain
 from dlo_ros.nodes.message_factory import installed
@@ -63,6 +64,23 @@ def test_an_image_file_that_is_none_is_refused_and_nothing_changed(waiting):
         refused.reason == "vision.mask is '/nofile.png'; it must be an image file that can be read"
     )
     assert waiting.client.get("/observer", "vision.mask") == [""]
+
+
+def test_a_camera_in_the_plane_of_the_board_is_refused_where_it_is_set(waiting):
+    """Once the intrinsics are known; nothing else that is set meanwhile is refused for it."""
+    client = waiting.client
+    infos = client.publisher(topics.CAMERA_INFO, qos_profile_sensor_data)
+    info = to_ros(samples.camera_info_message(BAG_MESSAGES, samples.START, samples.INFO))
+
+    def refused():
+        infos.publish(info)
+        return not client.set("/observer", camera__translation=[0.0, 0.0, 0.0]).successful
+
+    client.until(refused, what="a refusal")
+    answer = client.set("/observer", camera__translation=[0.1, 0.0, 0.0])
+    assert not answer.successful and "camera.translation" in answer.reason, answer
+    assert client.set("/observer", camera__translation=[0.1, 0.0, 1.2]).successful
+    assert client.get("/observer", "camera.translation")[0].tolist() == [0.1, 0.0, 1.2]
 
 
 @pytest.mark.slow
