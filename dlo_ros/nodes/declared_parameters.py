@@ -14,6 +14,7 @@ from rcl_interfaces.msg import (
     ParameterType,
     SetParametersResult,
 )
+from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
@@ -151,6 +152,7 @@ class LiveSettings:
         usable: Callable[[Settings], None] = lambda settings: None,
     ) -> None:
         self.current = settings
+        self._declared = node.has_parameter
         self._changed = changed
         self._usable = usable
         node.add_pre_set_parameters_callback(self._converted)
@@ -161,7 +163,16 @@ class LiveSettings:
         """The parameters with each value in its proper type, so that a double stays one.
 
         What is unusable stays as it is, for `_check` to refuse.
+
+        Raises:
+            ParameterNotDeclaredException: names those that the node does not have; rclpy's own
+                names none.
         """
+        unknown = ", ".join(p.name for p in parameters if p.name and not self._declared(p.name))
+        if unknown:
+            effects = EFFECTS_PREFIX in unknown
+            mend = "; an effect must be in the parameter file at the start" if effects else ""
+            raise ParameterNotDeclaredException(f"{unknown}{mend}")
         try:
             settings = self._merged(parameters)
         except ParameterError:

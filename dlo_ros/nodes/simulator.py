@@ -25,6 +25,7 @@ from dlo_ros.recordings.messages import read_observation
 from dlo_ros.rod.boundary.shape_orientation import all_along
 from dlo_ros.rod.compile_rod import compile_kernels
 from dlo_ros.rod.live_simulation import LiveSimulation
+from dlo_ros.rod.motion_validation import possible
 
 WINDOW = 1.0
 """Seconds of observed shapes that are kept while no command has come; the oldest one is the start.
@@ -119,6 +120,10 @@ class SimulatorNode(DloNode):
         self._observations = [o for o in self._observations if o.stamp <= limit]
         if not self._simulation.started or self._next > limit:
             self._stop()
+
+    def check_settings(self, settings: Settings) -> None:
+        """Refuse a DLO that the model cannot bear, such as one that its own weight would tear."""
+        possible(settings)
 
     def apply(self, settings: Settings) -> None:
         """Take changed parameters over, without interrupting the motion."""

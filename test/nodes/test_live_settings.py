@@ -24,6 +24,9 @@ SETTINGS = Settings.from_mapping(
 class Listener:
     """A node as far as its parameters go."""
 
+    def has_parameter(self, name):
+        return bool(name)
+
     def add_pre_set_parameters_callback(self, callback):
         self.convert = callback
 

@@ -51,6 +51,8 @@ def test_parameters_are_described_and_checked_as_a_set(waiting):
         ({"gravity": [0.0, 0.0]}, "must have 3"),
         ({"simulation__start": "anyhow"}, "equilibrium | observed | moving"),
         ({"rod__length": 0.5}, "read-only"),
+        ({"rod__young_modulus": 1e3}, "would hang"),  # as a DLO that its own weight tears
+        ({"rod__density": 1900.0, "effects__point_mass__mass": 0.1}, "effects.point_mass.mass; an"),
     ):
         refused = client.set("/simulator", **values)
         assert not refused.successful and reason in refused.reason, refused
