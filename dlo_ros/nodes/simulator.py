@@ -65,6 +65,9 @@ RETRY = 0.5
 does not converge may take seconds to say so, and other callbacks shall have half of the time."""
 
 
+CLOCK = "/clock (use_sim_time is set)"
+"""What is missing while simulated time has not begun."""
+
 CLOCK_FOLLOWS = 0.2
 """Seconds of wall time in which /clock goes back after the shapes have: `ros2 bag play` publishes
 it some ten times a second."""
@@ -145,7 +148,6 @@ class SimulatorNode(DloNode):
         # What lies long before the newest is over; a robot may send thousands.
         del self._simulation.motion.commands[:-COMMANDS]
         self._untried = True
-        self._say_what_is_missing()
         self._try_to_start()
 
     def _on_observed(self, message: Any) -> None:
@@ -165,7 +167,6 @@ class SimulatorNode(DloNode):
         newest = max(kept)
         self._observations = [kept[s] for s in sorted(kept) if newest - s <= WINDOW * NANOSECONDS]
         self._untried = True
-        self._say_what_is_missing()
         self._try_to_start()
 
     def _needed(self) -> int:
@@ -210,6 +211,7 @@ class SimulatorNode(DloNode):
 
     def _tick(self) -> None:
         if not self._simulation.started:
+            self._say_what_is_missing()
             self._try_to_start()
             return
         now = self._known_until()
@@ -273,12 +275,11 @@ class SimulatorNode(DloNode):
         self._next = 0
         self._retry_at = 0.0
         self._untried = True
-        self._say_what_is_missing()
 
     def _say_what_is_missing(self) -> None:
-        if self._simulation.started:
-            return
-        missing = [] if self._simulation.ready else [topics.COMMAND]
+        missing = [] if self.now() else [CLOCK]
+        if not self._simulation.ready:
+            missing.append(topics.COMMAND)
         if len(self._observations) < self._needed():
             missing.append(f"{self._needed()} of {topics.OBSERVED}")
         self.health.waiting(" and ".join(missing) or "an observed shape that it can start from")

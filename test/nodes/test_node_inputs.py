@@ -158,6 +158,34 @@ def test_a_command_sent_before_a_node_started_is_not_lost(waiting):
 
 
 @pytest.mark.slow
+def test_simulated_time_that_does_not_begin_is_told(waiting):
+    """All else is there, and nothing is predicted: the status says what for."""
+    client, space = waiting.client, "/timeless"
+    words = (*waiting.arguments, "-r", f"__ns:={space}", "-p", "use_sim_time:=true")
+    node = waiting.start("simulator", *words)
+
+    def publisher(message, topic: str):
+        made = client.node.create_publisher(type(message), f"{space}/{topic}", LATCHED)
+        made.publish(message)
+        return made
+
+    spline = to_ros(spline_message(BAG_MESSAGES, START, "board", straight()))
+    commands = publisher(to_ros(command_message(BAG_MESSAGES, swing(START))), topics.COMMAND)
+    shapes = publisher(spline, topics.OBSERVED)
+    client.until(shapes.get_subscription_count, what="the simulator")
+    client.wait_for_ready(f"{space[1:]}/simulator")
+    shapes.publish(spline)
+
+    def said() -> str:
+        return getattr(waiting.status(f"{space[1:]}/simulator"), "message", "")
+
+    client.until(lambda: said() == "waiting for /clock (use_sim_time is set)", what=said())
+    assert node.interrupt() == 0
+    for each in (commands, shapes):
+        client.node.destroy_publisher(each)
+
+
+@pytest.mark.slow
 def test_a_shape_seen_before_the_command_may_have_its_ends_swapped(waiting):
     """The observer cannot know which end is the start; the simulation must not begin there."""
     client, space = waiting.client, "/swapped"
