@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -12,6 +13,7 @@ from dlo_ros.errors import InputError, ParameterError
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.node_base import JUMP_BACK, DloNode
 from dlo_ros.nodes.transform_listener import KEPT, TransformListener
+from dlo_ros.recordings import topics
 from dlo_ros.recordings.frame_commands import (
     LONGEST_SILENCE,
     POSES,
@@ -19,6 +21,7 @@ from dlo_ros.recordings.frame_commands import (
     command_of,
     instants,
 )
+from dlo_ros.recordings.messages import stamp_of
 
 PERIOD = 0.02
 """Seconds of wall time between two commands: a robot publishes its frames more often than that."""
@@ -56,6 +59,7 @@ class FrameCommands:
         node.every(POLL, self._look)
 
     def _on_pose(self, topic: str, message: Any) -> None:
+        self._node.check_stamp(stamp_of(message), topic)
         self._listener.transforms.add_pose(topic, message)
         now = self._node.now()
         if now:
@@ -88,15 +92,19 @@ class FrameCommands:
             return  # not all has come yet; `_look` reports where it stays so
         if not stamps and self._now and not self._last:  # all of it holds for good
             stamps = [self._now]
-        new = [s for s in stamps if s > self._last]
+        new = [s for s in stamps if self._last < s <= self._latest()]
         if not new:
             return
         before = [s for s in stamps if s <= self._last][-1:]
-        self._node.check_stamp(new[-1], "the clamps' frame")
         self._callback(command_of(transforms, frames, [*before, *new], self._node.settings))
         self._last = new[-1]
         self._node.health.count("commands")
         self._node.health.solved("command")
+
+    def _latest(self) -> float:
+        """Stamp [ns] beyond which a pose is another clock's; it may be of a frame of /tf."""
+        now = self._node.now()
+        return now + topics.FUTURE * NANOSECONDS if now else math.inf
 
     def _instants(self, frames: dict[str, Any], since: int = 0) -> list[int]:
         """Stamps of the clamps' poses; one that was told once may be of a robot that begins."""
@@ -116,6 +124,14 @@ class FrameCommands:
             node.health.warn("command", f"command.source is '{self._source}': {err}")
             return
         now = node.now()
+        if moving and moving[-1] > self._latest():
+            node.health.warn(
+                "command",
+                f"the clamps' frames are stamped {(moving[-1] - now) / NANOSECONDS:.1f} s ahead of "
+                "the clock, and not used; with a recording set use_sim_time and play it with "
+                "/clock",
+            )
+            return
         silent = (now - self._last) / NANOSECONDS
         if now and moving and silent > SILENCE_TIMEOUT:
             node.health.warn(

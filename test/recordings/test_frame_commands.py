@@ -242,6 +242,34 @@ def test_live_a_clamp_that_is_told_once_does_not_stop_the_other():
     assert np.allclose(positions, [clamp(299)[0], clamp(0, "end")[0]], atol=1e-9)
 
 
+def test_live_a_pose_of_another_clock_stops_none_of_the_others():
+    """One of a frame of /tf; what comes on the topics of poses is looked at there."""
+    pytest.importorskip("rclpy")
+    from dlo_ros.nodes.live_frame_commands import POSES, FrameCommands
+
+    commands, clock, warned = [], [BEGIN], []
+    health = SimpleNamespace(
+        solved=lambda what: None,
+        count=lambda what: None,
+        warn=lambda what, text: warned.append(text),
+    )
+    node = SimpleNamespace(
+        settings=settings("pose"), health=health, now=lambda: clock[0],
+        every=lambda period, callback: None, subscribe=lambda *a, **options: None,
+        is_published=lambda topic: topic == POSES["start"], check_stamp=lambda stamp, what: None,
+    )  # fmt: skip
+    frames = FrameCommands(node, commands.append)
+    base = transform_message(BAG_MESSAGES, BEGIN, "board", "base", BASE[0], BASE[1].as_quat())
+    frames._listener.transforms.add(base, fixed=True)
+    for k in range(100):
+        clock[0] = BEGIN + k * STEP
+        frames._on_pose(POSES["start"], pose_message(10_000 if k == 50 else k))
+        frames._proceed()
+    assert commands[-1].end_stamp == clock[0] and not warned
+    frames._look()
+    assert "s ahead of the clock" in warned[0]
+
+
 def test_the_ends_of_a_topic_are_read_without_what_lies_between(tmp_path):
     """Ten seconds of shapes; a namespace of its own that is silent for the last nine."""
     with BagWriter(tmp_path / "bag") as writer:
