@@ -49,13 +49,13 @@ class MeasuredForces:
         """Take a geometry_msgs/WrenchStamped.
 
         Raises:
-            InputError: it holds a number that is not finite.
+            InputError: its stamp is none, or another clock's; see `wrench_of`.
         """
-        frame, stamp, values = str(message.header.frame_id), stamp_of(message), wrench_of(message)
+        frame, stamp = str(message.header.frame_id), stamp_of(message)
+        values = wrench_of(message, TOPICS[end])
+        self._node.check_stamp(stamp, TOPICS[end])
         if self._node.is_earlier(stamp):
             return
-        if not np.isfinite(values).all():
-            raise InputError(f"{TOPICS[end]} holds a number that is not finite")
         if self._listener is None and not same_frame(frame, self._node.settings.frame_id):
             self._listener, self._since = TransformListener(self._node), time.monotonic()
         self._node.health.count("measured forces")

@@ -16,12 +16,15 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise
 from dlo_ros.recordings.message_building import BAG_MESSAGES, wrench_message
-from dlo_ros.recordings.messages import stamp_of
+from dlo_ros.recordings.messages import array, stamp_of
 from dlo_ros.recordings.transforms import Transforms, same_frame, transforms_of
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
+
+LARGEST = 1e6
+"""Largest force [N] and torque [N m] that is taken: a sensor whose numbers are beyond is broken."""
 
 TOPICS = {START: topics.WRENCH_START, END: topics.WRENCH_END}
 
@@ -56,19 +59,19 @@ def read_wrenches(bag: Bag, settings: Settings, commands: Sequence[Command]) -> 
         for raw in bag.messages(bag.find(topic)):
             try:
                 message = deserialise(raw)
-                stamp, values = stamp_of(message), wrench_of(message)
+                stamp, values = stamp_of(message), wrench_of(message, topic)
             except InputError:
                 wrong += 1
                 continue
-            if stamp in rows or not np.isfinite(values).all():
+            if stamp in rows:
                 wrong += 1
                 continue
             rows[stamp] = values
             frames.add(str(message.header.frame_id))
         if wrong:
             LOG.warning(
-                "%s: %d of %d messages on %s are left out: not finite, or a stamp that was there",
-                bag.path, wrong, wrong + len(rows), topic,
+                "%s: %d of %d messages on %s are left out: not finite, no forces, or a stamp that "
+                "was there", bag.path, wrong, wrong + len(rows), topic,
             )  # fmt: skip
         if not rows:
             continue
@@ -87,10 +90,17 @@ def read_wrenches(bag: Bag, settings: Settings, commands: Sequence[Command]) -> 
     return result
 
 
-def wrench_of(message: Any) -> FloatArray:
-    """Force and torque of a geometry_msgs/WrenchStamped, shape (6,), finite or not."""
+def wrench_of(message: Any, topic: str) -> FloatArray:
+    """Force and torque of a geometry_msgs/WrenchStamped, shape (6,).
+
+    Raises:
+        InputError: names the topic; a number is not finite, or that of no force at a grip.
+    """
     f, t = message.wrench.force, message.wrench.torque
-    return np.array([f.x, f.y, f.z, t.x, t.y, t.z], dtype=np.float64)
+    values = array([f.x, f.y, f.z, t.x, t.y, t.z], topic)
+    if np.abs(values).max() > LARGEST:
+        raise InputError(f"{topic} holds more than {LARGEST:g}; forces are in N, torques in N m")
+    return values
 
 
 def in_fixed_frame(

@@ -28,8 +28,14 @@ def forces(monkeypatch):
     monkeypatch.setattr(measured_forces, "TransformListener", lambda node: listener)
     monkeypatch.setattr(measured_forces, "PATIENCE", 0.0)
     counted, told = [], {}
+
+    def check_stamp(stamp, what):
+        if not stamp:
+            raise InputError(f"{what} has no stamp")
+
     node = SimpleNamespace(
-        settings=samples.SETTINGS, is_earlier=lambda stamp: False, subscribe=lambda *args: None,
+        settings=samples.SETTINGS, is_earlier=lambda stamp: False, check_stamp=check_stamp,
+        subscribe=lambda *args: None,
         health=SimpleNamespace(
             count=counted.append, warn=told.__setitem__, solved=lambda kind: told.pop(kind, None)
         ),
@@ -52,6 +58,10 @@ def place(forces, stamp, child, parent, translation, rotation, *, fixed):
 def test_forces_in_the_fixed_frame_are_taken_as_they_are_and_old_ones_forgotten(forces):
     with pytest.raises(InputError, match="not finite"):
         hear(forces, "board", force=(float("nan"), 0.0, 0.0))
+    with pytest.raises(InputError, match="forces are in N"):
+        hear(forces, "board", force=(1e300, 0.0, 0.0))
+    with pytest.raises(InputError, match="dlo/wrench_end has no stamp"):
+        hear(forces, "board", stamp=0)
     assert forces.counted == []
     for k in range(2100):  # nobody sees the DLO
         hear(forces, "/board", samples.START + k)
