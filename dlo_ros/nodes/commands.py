@@ -1,20 +1,23 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Subscription to `dlo/command` with the durability that its publishers offer.
+"""Subscription to `dlo/command` with the durability and reliability that its publishers offer.
 
 A latched command reaches a late node only through a transient local subscription, which in turn
-gets nothing from a publisher that is not latched. So both kinds are held, as publishers ask for.
-Between two subscriptions the executor keeps no order; here the order of receipt decides.
+gets nothing from a publisher that is not latched; a reliable one gets nothing from a publisher that
+is best effort. So each kind that is offered is held. Between two subscriptions the executor keeps
+no order; here the order of receipt decides.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from itertools import product
 from typing import Any
 
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from dlo_ros.command import Command
+from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.nodes.live_frame_commands import FrameCommands
 from dlo_ros.nodes.message_factory import message_class
 from dlo_ros.nodes.node_base import DloNode
@@ -26,6 +29,17 @@ LATE = 1_000_000_000
 """Nanoseconds that a command may wait for the executor; more than that, and a clock was set."""
 POLL = 0.2
 """Seconds between two looks at who publishes."""
+AHEAD = 60.0
+"""Seconds ahead of the clock from which the start of a command is more likely another clock's."""
+
+PLAIN = (DurabilityPolicy.VOLATILE, ReliabilityPolicy.RELIABLE)
+KINDS = set(
+    product(
+        (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL),
+        (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT),
+    )
+)
+"""Kinds of subscriptions; the plain one is held until somebody publishes."""
 
 
 class CommandSubscription:
@@ -51,7 +65,7 @@ class CommandSubscription:
         if node.settings.command.source != "topic":
             self._frames = FrameCommands(node, callback)
             return
-        self._subscribe(DurabilityPolicy.VOLATILE)
+        self._subscribe(*PLAIN)
         node.every(POLL, self._poll)
 
     def _poll(self) -> None:
@@ -59,20 +73,18 @@ class CommandSubscription:
             (message, received), self._early = self._early, None
             self._take(message, received)
         endpoints = self._node.get_publishers_info_by_topic(topics.COMMAND)
-        wanted = {e.qos_profile.durability for e in endpoints} & {
-            DurabilityPolicy.VOLATILE,
-            DurabilityPolicy.TRANSIENT_LOCAL,
-        } or {DurabilityPolicy.VOLATILE}
-        for durability in wanted - set(self._subscriptions):
-            self._subscribe(durability)
-        for durability in set(self._subscriptions) - wanted:
-            self._node.destroy_subscription(self._subscriptions.pop(durability))
+        offered = {(e.qos_profile.durability, e.qos_profile.reliability) for e in endpoints}
+        wanted = offered & KINDS or {PLAIN}
+        for kind in wanted - set(self._subscriptions):
+            self._subscribe(*kind)
+        for kind in set(self._subscriptions) - wanted:
+            self._node.destroy_subscription(self._subscriptions.pop(kind))
 
-    def _subscribe(self, durability: Any) -> None:
+    def _subscribe(self, durability: DurabilityPolicy, reliability: ReliabilityPolicy) -> None:
         qos = QoSProfile(
             history=HistoryPolicy.KEEP_LAST,
             depth=DEPTH,
-            reliability=ReliabilityPolicy.RELIABLE,
+            reliability=reliability,
             durability=durability,
         )
         kind = message_class(topics.TYPES[topics.COMMAND])
@@ -81,8 +93,13 @@ class CommandSubscription:
         def receive(message: Any, info: Any) -> None:
             guarded(message, info)
 
-        self._subscriptions[durability] = self._node.create_subscription(
-            kind, topics.COMMAND, receive, qos
+        self._subscriptions[durability, reliability] = self._node.create_subscription(
+            kind,
+            topics.COMMAND,
+            receive,
+            qos,
+            # What this one does not match another one will: no reason to warn.
+            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=lambda _: None),
         )
 
     def _receive(self, message: Any, info: Any) -> None:
@@ -107,3 +124,11 @@ class CommandSubscription:
         self._taken = sorted([*near, (received, command)], key=lambda taken: taken[0])[-2 * DEPTH :]
         self._node.health.count("commands")
         self._node.health.solved(topics.COMMAND)
+        ahead = (command.stamp - now) / NANOSECONDS
+        if now and ahead > AHEAD:
+            self._node.health.warn(
+                topics.COMMAND,
+                f"{topics.COMMAND} begins {ahead:.0f} s ahead of the clock; until then the command "
+                "before it holds, or else its first pose. To begin at once leave its stamp zero; "
+                "a robot and the nodes need one clock (use_sim_time)",
+            )

@@ -293,34 +293,6 @@ def test_an_estimate_holds_while_the_estimator_is_paused(monkeypatch):
     assert [o.stamp for o in outcomes] == list(range(20))
 
 
-def test_commands_through_two_subscriptions_hold_in_the_order_of_receipt():
-    """The latched one was handed over first, the last of a storm before it afterwards."""
-    pytest.importorskip("rclpy")
-
-    from dlo_ros.command import Motion
-    from dlo_ros.nodes.commands import LATE, CommandSubscription
-    from dlo_ros.nodes.message_factory import ROS_MESSAGES
-    from dlo_ros.recordings import command_message
-
-    motion, node = Motion(), MagicMock(settings=samples.SETTINGS)
-    node.now.return_value = 5
-    node.guarded.side_effect = lambda _, callback: callback
-    CommandSubscription(node, motion.add)
-    receive = node.create_subscription.call_args.args[2]
-
-    def arrive(stamp: int, received: int) -> None:
-        info = {"source_timestamp": stamp, "received_timestamp": received}
-        receive(command_message(ROS_MESSAGES, replace(samples.command(), stamp=stamp * MS)), info)
-
-    for stamp, received in ((100, 1000), (200, 1005), (190, 1004), (200, 1006), (195, 1003)):
-        arrive(stamp, received)
-    assert [c.stamp // MS for c in motion.commands] == [100, 190, 200]
-    # One that is new replaces what would begin after it; also when the clock was set back.
-    arrive(150, 2000)
-    arrive(120, 1000 - 2 * LATE)
-    assert [c.stamp // MS for c in motion.commands] == [100, 120]
-
-
 def test_the_observer_says_how_many_control_points_would_do():
     pytest.importorskip("rclpy")
     from dlo_ros.nodes.observer import ObserverNode
