@@ -54,6 +54,9 @@ Without it nobody knows which end of the DLO is the start.
 HELD_IMAGES = 10
 """Images that may wait so; the oldest are dropped."""
 
+IMAGES_FRESH = 1.0
+"""Seconds for which an image that showed the DLO keeps the points of another tracker out."""
+
 JUDGED_EVERY = 5.0
 """Seconds between two looks at whether the splines have enough control points: 10 ms of work."""
 
@@ -74,6 +77,7 @@ class ObserverNode(DloNode):
         self._held: deque[Any] = deque(maxlen=HELD_IMAGES)
         self._hold_until = 0.0
         self._judge_at = 0.0
+        self._found_at = -IMAGES_FRESH  # when the last image showed the DLO
         self._spline_publisher = self.publisher(topics.OBSERVED, qos.RELIABLE)
         self._points_publisher = self.publisher(topics.OBSERVED_POINTS, qos.RELIABLE)
         self._overlay_publisher = self.publisher(topics.OVERLAY, qos.RELIABLE)
@@ -87,7 +91,9 @@ class ObserverNode(DloNode):
             self.subscribe(topics.CAMERA_INFO, self._on_camera_info, qos.SENSOR)
         self.subscribe(topics.MASK, self._on_mask, qos.SENSOR)
         self.subscribe(topics.PREDICTED, self._on_predicted, qos.RELIABLE)
-        self._tracker = TrackerPointsListener(self, self._motion, self._publish_observation)
+        self._tracker = TrackerPointsListener(
+            self, self._motion, self._publish_observation, self._has_images
+        )
         self._transport = ""
         self._image_subscription: Any = None
         if self._views.cameras:
@@ -273,7 +279,12 @@ class ObserverNode(DloNode):
             self._judge(observation.points, observation.control_points)
         return True
 
+    def _has_images(self) -> bool:
+        """Whether images show the DLO."""
+        return time.monotonic() - self._found_at < IMAGES_FRESH
+
     def _publish(self, result: VisionResult) -> None:
+        self._found_at = time.monotonic()
         if not self._publish_observation(result.observation):
             return
         self.health.values.update(

@@ -29,12 +29,18 @@ class TrackerPointsListener:
         motion: the imposed motion, as it is known so far.
         publish: function that is called with each observation; it returns whether it could be
             published.
+        has_images: function that returns whether the DLO is seen in images, which come first.
     """
 
     def __init__(
-        self, node: DloNode, motion: Motion, publish: Callable[[Observation], bool]
+        self,
+        node: DloNode,
+        motion: Motion,
+        publish: Callable[[Observation], bool],
+        has_images: Callable[[], bool],
     ) -> None:
         self._node, self._motion, self._publish = node, motion, publish
+        self._has_images = has_images
         self._listener: TransformListener | None = None
         self._settings: Settings | None = None
         self._observer: PointObserver | None = None
@@ -55,6 +61,14 @@ class TrackerPointsListener:
         if node.is_earlier(stamp):
             return
         node.health.count("lists of points")
+        if self._has_images():
+            node.health.warn(
+                topics.POINTS,
+                f"{topics.POINTS} is not used while the DLO is seen in images; to have the points' "
+                f"shapes, give the images another name (-r {topics.IMAGE}:=unused "
+                "-p image_transport:=raw)",
+            )
+            return
         began = time.perf_counter()
         settings = node.settings
         if self._observer is None or settings != self._settings:

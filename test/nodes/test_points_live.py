@@ -11,12 +11,15 @@ from scipy.spatial.transform import Rotation
 pytest.importorskip("rclpy")
 
 from dataclasses import replace
+from unittest.mock import MagicMock
 
 from live_graph import Client, Process
 
+from dlo_ros.command import Motion
 from dlo_ros.demo.network import free_domain
 from dlo_ros.nodes.message_factory import ROS_MESSAGES, message_class
 from dlo_ros.nodes.qos import DEEP
+from dlo_ros.nodes.tracker_points import TrackerPointsListener
 from dlo_ros.parameters import CommandParameters
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.message_building import cloud_message, header
@@ -45,6 +48,21 @@ def hand(curve, stamp):
 def cloud(curve, seed, stamp, frame="board"):
     table = tracked(curve, seed).positions
     return cloud_message(ROS_MESSAGES, stamp, frame, ("x", "y", "z"), table)
+
+
+def test_points_are_left_out_while_images_show_the_dlo():
+    """As the tools do with a bag that has both; two sources on one topic would alternate."""
+    node, published, images = MagicMock(settings=SETTINGS, ready=True), [], [True]
+    node.is_earlier.return_value = False
+    listener = TrackerPointsListener(
+        node, Motion(), lambda seen: not published.append(seen), lambda: images[0]
+    )
+    listener._on_points(cloud(bent(1), 0, 1))
+    (_, told) = node.health.warn.call_args.args
+    assert not published and "-r image_raw:=unused" in told
+    images[0] = False
+    listener._on_points(cloud(bent(1), 0, 2))
+    assert [o.stamp for o in published] == [2]
 
 
 def test_points_and_poses_live(tmp_path):
