@@ -254,8 +254,8 @@ def cloud_table(
     missing = [name for name in needed if name not in offsets]
     if missing:
         raise InputError(
-            f"{what} lacks the float field {missing[0]}; it has {', '.join(needed[:-1])} and "
-            f"{needed[-1]}"
+            f"{what} lacks the float field {missing[0]}; {', '.join(needed[:-1])} and {needed[-1]} "
+            "are needed"
         )
     names = needed + tuple(name for name in optional if name in offsets)
     data = np.frombuffer(message.data, dtype=np.uint8)
@@ -276,7 +276,8 @@ def cloud_table(
     )
     block = data[: rows * height].reshape(height, rows)[:, : width * step]
     cloud = np.ascontiguousarray(block).reshape(-1).view(kind)
-    return names, np.column_stack([cloud[name].astype(np.float64) for name in names])
+    with np.errstate(invalid="ignore"):  # some NaN signal, and no NaN is used
+        return names, np.column_stack([cloud[name].astype(np.float64) for name in names])
 
 
 def read_observation(message: Any, settings: Settings, points: Any | None = None) -> Observation:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -195,6 +196,18 @@ def test_points_of_another_layout():
     points = read_points(message, samples.SETTINGS)
     np.testing.assert_allclose(points.positions, truth.positions)
     np.testing.assert_allclose(points.std, truth.std)
+
+
+def test_numbers_that_are_none_are_left_out_in_silence():
+    """NaN as other byte orders make it warns where it is converted."""
+    message = fresh("points")
+    data = np.array(message.data, np.uint8)
+    data[:4] = np.array([0x7F800001], "<u4").view(np.uint8)
+    message.data = data
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        points = read_points(message, samples.SETTINGS)
+    assert len(points.u) == len(samples.centreline(1).u) - 1
 
 
 def test_how_well_u_is_known_comes_with_the_points_where_it_is_uncertain():
