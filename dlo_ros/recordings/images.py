@@ -185,7 +185,8 @@ def read_depth(message: Any) -> DepthImage:
         raise InputError(
             f"depth image has encoding '{encoding[:40]}'; known are {', '.join(DEPTHS)}"
         )
-    depth = _read_numbers(message, "depth image") * np.float32(DEPTHS[encoding][1])
+    with np.errstate(invalid="ignore"):  # some NaN signal
+        depth = _read_numbers(message, "depth image") * np.float32(DEPTHS[encoding][1])
     return np.where(np.isfinite(depth) & (depth > 0.0), depth, np.float32(np.nan))
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import struct
+import warnings
 import zlib
 
 import cv2
@@ -21,7 +22,7 @@ from dlo_ros.recordings import (
     read_camera_info,
     read_image,
 )
-from dlo_ros.recordings.images import decode, read_mask
+from dlo_ros.recordings.images import decode, read_depth, read_mask
 
 NAN = float("nan")
 
@@ -204,3 +205,12 @@ def test_a_mask_of_any_colour_or_depth_says_where_it_is_not_zero(colour):
     message.data = message.data[:-2]
     with pytest.raises(InputError, match=r"mask has .* bytes"):
         read_mask(message)
+
+
+def test_a_depth_that_is_no_number_is_none_and_no_warning():
+    """NaN as damaged data has it, beside the usual one."""
+    numbers = np.array([[0x7F800001, 0x7FC00000, 0x7F800000, 0x3F800000]], "<u4")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        depth = read_depth(raw("32FC1", numbers.view("<f4")))
+    np.testing.assert_array_equal(depth, [[np.nan, np.nan, np.nan, 1.0]])
