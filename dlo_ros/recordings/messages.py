@@ -28,6 +28,10 @@ MAX_POINTS = 1_000_000
 MAX_POINT_STEP = 4096
 """Bytes of a point; the five numbers that are read need forty at most."""
 
+LEAST_STD = 1e-6
+"""Standard deviation [m] that measured points have at least: nobody measures better, and a mistaken
+one would outweigh all others."""
+
 MAX_DISTANCE = 1e4
 """Positions further than this [m] from the origin are garbage, not a DLO on a board."""
 
@@ -169,7 +173,8 @@ def unwrap_in_time(theta: FloatArray, previous: FloatArray) -> FloatArray:
 def read_points(message: Any, settings: Settings) -> CentrelinePoints:
     """Measured points of a sensor_msgs/PointCloud2 with fields x, y, z, u, std (and std_along).
 
-    Points that are not finite are left out, as `is_dense` false announces them.
+    Points that are not finite are left out, as `is_dense` false announces them; a std below
+    `LEAST_STD` is taken as that.
 
     Raises:
         InputError: wrong frame, fields missing, sizes that contradict each other, no usable point.
@@ -192,7 +197,7 @@ def read_points(message: Any, settings: Settings) -> CentrelinePoints:
     return CentrelinePoints(
         positions=table[:, :3].copy(),
         u=np.clip(table[:, 3], 0.0, length),
-        std=table[:, 4].copy(),
+        std=np.maximum(table[:, 4], LEAST_STD),
         std_along=table[:, 5].copy() if "std_along" in names else None,
     )
 

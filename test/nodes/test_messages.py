@@ -210,6 +210,15 @@ def test_numbers_that_are_none_are_left_out_in_silence():
     assert len(points.u) == len(samples.centreline(1).u) - 1
 
 
+def test_points_that_are_too_exact_outweigh_none():
+    """A standard deviation that nobody can measure counts as the least that somebody could."""
+    message = fresh("points")
+    table = np.array(message.data, np.uint8).view("<f4").reshape(-1, 5).copy()
+    table[:2, 4] = 1e-30, 2e-6
+    message.data = table.view(np.uint8).ravel()
+    np.testing.assert_allclose(read_points(message, samples.SETTINGS).std[:2], [1e-6, 2e-6])
+
+
 def test_how_well_u_is_known_comes_with_the_points_where_it_is_uncertain():
     truth = samples.centreline()
     assert read_points(fresh("points"), samples.SETTINGS).std_along is None
