@@ -19,6 +19,10 @@ from dlo_ros.spline import FloatArray, SplineBasis
 DAMPING = MATERIAL[2:]
 """The parameters of `Settings.damping`."""
 
+STRAIGHT = 1e-3
+"""Turn along a DLO [rad] that is none: causes whose size is a curvature start at some share of the
+one that occurs, and of a DLO that hangs straight that must not be zero."""
+
 
 def imposed_names(recordings: Iterable[Manipulation]) -> list[str]:
     """Everything that any command of some recordings imposes."""
@@ -73,7 +77,7 @@ def scene(settings: Settings, names: Sequence[str], predicted: Sequence[FloatArr
         rope=settings.scale,
         clamps=_imposed(names, n, (1,)),
         held=_imposed(names, n, (0, 1)),
-        curvature=float(np.percentile(np.concatenate(largest), 90.0)),
+        curvature=max(float(np.percentile(np.concatenate(largest), 90.0)), STRAIGHT / length),
         reach=(reached[:, 0].min(), reached[:, 0].max(), reached[:, 2].min()),
         spatial=bool(reached[:, 1].std() > TRACKER_ERROR * length),
         known=tuple(n for n in DAMPING if getattr(settings.damping, f"{n}_std") > 0.0),

@@ -1,11 +1,16 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Commands hold the ends of a DLO, or leave them free."""
+"""Commands hold the ends of a DLO, or leave them free; a DLO that is straight has causes, too."""
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+import recordings_samples as samples
 
-from dlo_ros.inference.scene import free_ends
+from dlo_ros.effects.registry import starts
+from dlo_ros.inference.priors import cause_priors
+from dlo_ros.inference.scene import free_ends, scene
+from dlo_ros.spline import SplineBasis
 
 
 @pytest.mark.parametrize(
@@ -22,3 +27,13 @@ from dlo_ros.inference.scene import free_ends
 def test_an_end_is_free_that_nothing_holds(names, free):
     manipulation = SimpleNamespace(commands=(SimpleNamespace(names=tuple(names)),))
     assert list(free_ends(manipulation, 10)) == free
+
+
+def test_every_cause_can_be_tried_on_a_dlo_that_hangs_straight():
+    """Those whose size is a curvature start at a share of the one that occurs."""
+    rod = samples.SETTINGS.rod
+    shape = np.zeros((rod.control_points, 3))
+    shape[:, 2] = -SplineBasis(rod.control_points, rod.length).greville
+    for start in starts(scene(samples.SETTINGS, ["start"], [np.array([shape, shape])])):
+        fitted, _ = cause_priors(samples.SETTINGS, start)
+        assert all(np.isfinite(p.centre) for p in fitted)
