@@ -10,8 +10,10 @@ from field.coverage import condition
 from live_estimates import live_estimate
 from measured import at_rest, swing
 from rods import PAPER
+from scipy.spatial.transform import Rotation
 
 from dlo_ros.cli.main import main
+from dlo_ros.command import Command
 from dlo_ros.identification import OnlineEstimator, identify
 from dlo_ros.identification.estimate import inverse
 from dlo_ros.identification.information import widened
@@ -20,7 +22,9 @@ from dlo_ros.identification.offline.set_up_estimate import _information, mixed
 from dlo_ros.inference.joint import evaluate
 from dlo_ros.inference.joint_fit import expected_gain
 from dlo_ros.inference.losses import CORRELATED
+from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings, tolerance
+from dlo_ros.rod.live_simulation import LiveSimulation
 from dlo_ros.rod.sensitivity_parameters import variation_of
 
 pytestmark = pytest.mark.long
@@ -215,6 +219,35 @@ def test_live_a_delay_of_the_pictures_is_found_unless_it_is_stated(guess):
     stated = live_estimate(late, with_values(guess, effects__command_delay__delay=DELAY))
     assert stated.delay is None
     assert stated.specific_modulus == pytest.approx(RATIO, rel=0.01)
+
+
+def test_live_a_grip_that_comes_later_brings_numbers_of_its_own(guess):
+    """The other end is held where it is once the motion is over."""
+    recording = swing(PAPER, seconds=1.5)
+    (imposed,) = recording.commands
+    observations = list(recording.observations)
+    rod = LiveSimulation(PAPER)
+    rod.set_command(imposed)
+    rod.start(observations[:1])
+    estimator = OnlineEstimator(guess, budget=np.inf)
+    estimator.set_command(imposed)
+    for observation in observations:
+        estimator.observe(observation)
+    stamp = observations[-1].stamp
+    end, along = rod.advance(stamp).control_points[[-1, -2], :3]
+    turn, _ = Rotation.align_vectors([end - along], [[1.0, 0.0, 0.0]])
+    position, rotation = imposed.sample(stamp)
+    both = Command(
+        stamp, ("start", "end"), np.zeros(1), np.array([[position[0], end]]),
+        np.array([[rotation[0], turn.as_quat()]]), np.full((1, 2, 3), np.nan),
+        PAPER.rod.control_points,
+    )  # fmt: skip
+    rod.set_command(both)
+    estimator.set_command(both)
+    for _ in range(len(observations)):
+        stamp += 40_000_000
+        estimator.observe(Observation(stamp, rod.advance(stamp).control_points))
+    assert estimator.estimate.specific_modulus == pytest.approx(RATIO, rel=0.02)
 
 
 def test_live_a_rod_at_rest_tells_no_delay(guess):

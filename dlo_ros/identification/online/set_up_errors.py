@@ -68,7 +68,7 @@ class SetUpErrors:
         self.shifts: tuple[FloatArray, ...] = ()
         self.delay: tuple[float, float] | None = None
         self._given = given
-        self._theta: FloatArray | None = None  # where the model was linearised last
+        self._last: dict[str, float] = {}  # where the model was linearised last, by name
         self._examined: tuple[int, float] = (0, math.nan)  # when: observations, ln(E/mu)
 
     def due(self, run: Run | None, past: ObservedWindow, estimate: Estimate) -> bool:
@@ -113,7 +113,10 @@ class SetUpErrors:
         name = CommandDelay.parameter("delay")
         if name not in model.names:
             return
-        k, theta, self._theta = model.index(name), self._theta, None
+        k, last, self._last = model.index(name), self._last, {}
+        # A command may have brought another grip, which has numbers of its own.
+        pairs = zip(model.names, model.theta(), strict=True)
+        theta = np.array([last.get(n, x) for n, x in pairs]) if last else None
         for _ in range(LINEARISATIONS):
             if theta is not None:
                 here = yield from _linearised(model.at(theta), recording)
@@ -127,7 +130,7 @@ class SetUpErrors:
                 shift = (1.0 - variance / prior_std**2) * off / speed
                 self.delay = float(theta[k]), float(np.hypot(np.sqrt(variance), shift))
                 break
-        self._theta = theta
+        self._last = {} if theta is None else dict(zip(model.names, theta.tolist(), strict=True))
 
 
 def _linearised(model: ParametricModel, recording: Recording) -> Pieces[Evaluation]:
