@@ -65,6 +65,7 @@ def test_no_creep_is_fitted_where_the_model_has_one_or_the_damping_is_as_guessed
     assert begun_for("viscoelasticity", elastic) is None
 
 
+@pytest.mark.slow
 def test_friction_is_found_where_the_fit_had_taken_it_for_stiffness():
     found, modulus = prepared("hysteresis", FRICTION)
     assert found.setup.model.settings.rod.specific_modulus > 1.4 * modulus

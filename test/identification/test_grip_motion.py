@@ -66,6 +66,7 @@ GIVEN = replace(
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_forces_of_a_robot_whose_poses_were_recorded_tell_the_scale():
     """In straight pieces E and mu were 2.7 % too large, by five standard deviations."""
     found = identify([recorded(1)], GIVEN).estimate

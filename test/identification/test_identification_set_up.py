@@ -62,6 +62,7 @@ def test_a_clamp_that_is_off_leads_a_fit_into_no_wrong_valley():
     assert found.fitted.at.mean_err < 2e-4
 
 
+@pytest.mark.slow
 def test_a_rope_that_keeps_its_coil_leads_a_fit_into_no_wrong_valley():
     """Its curvature at rest is nine tolerances; a first fit ends with a third of E/mu."""
     drawn = condition(8801, "coil")
