@@ -171,6 +171,24 @@ def test_a_wall_that_no_picture_has_shown_may_be_a_peg(monkeypatch, asked, evide
         assert after is found and contact.trial[1] is wall and contact.rivals == rivals
 
 
+@pytest.mark.parametrize("apart", [True, False])
+def test_a_wall_is_elsewhere_only_where_data_tell_it_from_the_one_that_was_found(
+    monkeypatch, asked, apart
+):
+    bare = fitted_with_a_force()
+    wall, other = (SimpleNamespace(label=n, effect="wall", parameters=()) for n in ("a", "b"))
+    found = replace(bare, causes=(CAUSE, wall))
+    asked.hit.trial = asked.hit.trial[0], other
+    more = Search(evaluation(160.0, 1e-3), (CAUSE, other), ("more",), None)
+    monkeypatch.setattr(module, "without", lambda *_: bare.at)
+    monkeypatch.setattr(module, "leaves_something", lambda *_: False)
+    monkeypatch.setattr(module, "search", lambda *_, **__: more)
+    monkeypatch.setattr(module, "tells_apart", lambda *_: apart)
+    after, contact = with_contact(found, PAPER, None, (), (), 1e-4)
+    assert after.causes == ((CAUSE, other) if apart else (CAUSE, wall))
+    assert contact is (asked.hit if apart else None)
+
+
 @pytest.mark.parametrize(("evidence", "better"), [(160.0, True), (101.0, False)])
 def test_beside_what_was_hit_something_else_may_have_been(monkeypatch, asked, evidence, better):
     """A peg above a table on which the rope lands, where a segment leaves something."""

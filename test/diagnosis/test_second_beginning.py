@@ -97,5 +97,5 @@ def test_a_peg_does_not_stay_where_a_wall_explains_all_beside_others(tmp_path):
     """While a quadratic drag and a creep are missing, a peg gains more than the wall."""
     result = evaluate.solve(generate.draw(4940, 3, own_rope=True), tmp_path)
     assert result.verdict == "explained"
-    assert {"wall", "quadratic_drag"} <= set(result.named) and not result.wrong
-    assert result.share > 0.95
+    assert {"wall", "quadratic_drag", "viscoelasticity"} <= set(result.named) and not result.wrong
+    assert result.share > 0.6

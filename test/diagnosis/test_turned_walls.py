@@ -57,6 +57,7 @@ def tried(monkeypatch):
 
     monkeypatch.setattr(contact_trials, "fitted", fitted)
     monkeypatch.setattr(turned_walls, "fit", lambda at, *_: at)
+    monkeypatch.setattr(turned_walls, "tells_apart", lambda *_: law.get("apart", True))
     return made, law
 
 
@@ -73,6 +74,15 @@ def test_a_wall_is_turned_to_where_it_explains_most(tried, best, asked):
     assert round(turns(found.at)) == max(best, -MOST_TURNS)
     assert [c.effect for c in found.causes] == ["wall"]
     assert (found.at is at) == (best == 0)
+
+
+@pytest.mark.parametrize(("turn", "turned"), [(1, False), (-1, True)])
+def test_where_data_do_not_tell_a_wall_stands_upright_or_a_table_lies_level(tried, turn, turned):
+    _, law = tried
+    law["of"], law["apart"] = lambda there: 50.0 * (there == turn), False
+    at = hit()
+    found = with_turned_wall(Search(at, (WALL,), (), None), ())
+    assert (found.at is not at) == turned
 
 
 def test_a_wall_that_cannot_be_turned_or_gains_nothing_by_that_stays(tried):

@@ -26,7 +26,7 @@ from dlo_ros.effects import Start
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import nearest_err
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.model_comparison import log_bayes_factor
+from dlo_ros.inference.model_comparison import log_bayes_factor, tells_apart
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.thresholds import LOWERS, WORTH
 from dlo_ros.parameters import Settings
@@ -95,9 +95,10 @@ def _with_first(
     peg = contact.trial[1]
     more = beside(others, contact)
     better = _better(more, found, peg, recordings)
-    if better is not None:
+    elsewhere = hit is not None and hit.effect == peg.effect
+    if better is not None and not (elsewhere and not tells_apart(more.at, found.at)):
         return better, contact
-    if hit is None or hit.effect == peg.effect:
+    if hit is None or elsewhere:
         return found, None
     near = (1.0 - LOWERS) * nearest_err(more.at, recordings) <= nearest_err(found.at, recordings)
     return found, Contact.of((found.at, hit), (more.at, peg), as_near=near)

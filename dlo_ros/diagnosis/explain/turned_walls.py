@@ -10,6 +10,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
+import numpy as np
+
 from dlo_ros.diagnosis.contact.wall_places import TouchedWall, normal
 from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.contact_trials import begun_in_place
@@ -20,7 +22,7 @@ from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.model_comparison import log_bayes_factor
+from dlo_ros.inference.model_comparison import log_bayes_factor, tells_apart
 from dlo_ros.inference.parameter import value_of
 from dlo_ros.inference.thresholds import SLACK
 from dlo_ros.spline import FloatArray
@@ -35,7 +37,10 @@ MOST_TURNS = 4
 
 
 def with_turned_wall(found: Search, recordings: Sequence[Recording]) -> Search:
-    """A search's result with its wall in the direction that explains most, beside all it found."""
+    """A search's result with its wall in the direction that explains most, beside all it found.
+
+    Where recordings do not tell two directions apart, tables lie level and walls stand upright.
+    """
     wall = found.cause_of(StraightWall.name)
     if wall is None:
         return found
@@ -54,6 +59,8 @@ def with_turned_wall(found: Search, recordings: Sequence[Recording]) -> Search:
     at = fit(at, recordings, FIT_ITERATIONS)
     gained = log_bayes_factor(at, found.at)
     LOG.info("the wall is turned by %+.2f rad: %+.1f", _angle(at) - _angle(found.at), gained)
+    if _off_square(at) > _off_square(found.at) and not tells_apart(at, found.at):
+        return found
     return found.exchanged(wall, (at, proposal))
 
 
@@ -80,3 +87,9 @@ def _turned(
 def _angle(at: Evaluation) -> float:
     """Direction of the wall's normal against z [rad]."""
     return value_of(at.model.settings, ANGLE)
+
+
+def _off_square(at: Evaluation) -> float:
+    """Angle [rad] by which the wall is neither level nor upright."""
+    square = 0.5 * np.pi
+    return abs(_angle(at) - square * round(_angle(at) / square))
