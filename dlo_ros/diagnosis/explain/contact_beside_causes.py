@@ -95,10 +95,10 @@ def _with_first(
     peg = contact.trial[1]
     more = beside(others, contact)
     better = _better(more, found, peg, recordings)
-    elsewhere = hit is not None and hit.effect == peg.effect
-    if better is not None and not (elsewhere and not tells_apart(more.at, found.at)):
+    alike = hit is not None and hit.effect == peg.effect  # and elsewhere
+    if better is not None and (not alike or tells_apart(more.at, found.at)):
         return better, contact
-    if hit is None or elsewhere:
+    if hit is None or alike:
         return found, None
     near = (1.0 - LOWERS) * nearest_err(more.at, recordings) <= nearest_err(found.at, recordings)
     return found, Contact.of((found.at, hit), (more.at, peg), as_near=near)
