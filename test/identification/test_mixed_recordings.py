@@ -48,6 +48,7 @@ def test_what_lies_in_the_plane_alone_is_fitted_there(planar):
     assert identify([planar], PAPER).fitted.recordings[0].planar
 
 
+@pytest.mark.slow
 def test_a_plane_is_diagnosed_beside_what_is_held_out_in_space(planar, spatial):
     short = replace(spatial, observations=spatial.observations[:30])
     assert diagnose([planar], PAPER, holdout=[short]).verdict == "adequate"

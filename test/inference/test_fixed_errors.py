@@ -39,6 +39,7 @@ def test_another_measurement_tells_of_none(fitted):
     assert shifts_by_fixed_errors(at, [*recordings, *recordings]) == {}
 
 
+@pytest.mark.slow
 def test_numbers_are_shifted_by_as_much_as_such_errors_shift_them(fitted):
     """Steps of linear fits to shapes that have them, with the weights of the fit that there is."""
     at, recordings = fitted
