@@ -98,7 +98,7 @@ class CommandSubscription:
             topics.COMMAND,
             receive,
             qos,
-            # What this one does not match another one will: no reason to warn.
+            # A publisher that this subscription does not match another one will: no reason to warn.
             event_callbacks=SubscriptionEventCallbacks(incompatible_qos=lambda _: None),
         )
 

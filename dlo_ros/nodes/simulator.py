@@ -66,7 +66,7 @@ does not converge may take seconds to say so, and other callbacks shall have hal
 
 
 CLOCK = "/clock (use_sim_time is set)"
-"""What is missing while simulated time has not begun."""
+"""The missing topic while simulated time has not begun."""
 
 CLOCK_FOLLOWS = 0.2
 """Seconds of wall time in which /clock goes back after the shapes have: `ros2 bag play` publishes

@@ -193,7 +193,7 @@ def test_pause_and_reset(playing):
     pause(False, "running", "no observed splines")
     for name in NODES:
         assert client.call(Trigger, f"/{name}/reset", Trigger.Request()).success
-    # What is forgotten is no longer said, and a pause hides nothing that is missing.
+    # A forgotten estimate is no longer told, and a pause hides no missing topic.
     missing = "waiting for dlo/observed"
     pause(True, "paused", f"{missing}; paused")
     pause(False, "running", missing)

@@ -268,7 +268,7 @@ def test_splines_that_wait_leave_time_for_the_work_that_makes_an_estimate_right(
 
 
 def test_an_estimate_holds_while_the_estimator_is_paused(monkeypatch):
-    """What waits, and what comes of a step under way, is for later."""
+    """Splines that wait, and the outcome of a step under way, are for later."""
     from dlo_ros.nodes import estimator_thread
     from dlo_ros.observation import Observation
 
