@@ -6,11 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from dlo_ros.command import Command
 from dlo_ros.compilation import compile_first
 from dlo_ros.demo import network
 from dlo_ros.kernel_parts import STAGES
-from dlo_ros.rod import integration
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -57,6 +55,6 @@ def waiting(tmp_path_factory: pytest.TempPathFactory):
 @pytest.fixture
 def same_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every run takes the same steps and solves them exactly."""
-    monkeypatch.setattr(integration, "STEP_SHARE", 1e3)
-    monkeypatch.setattr(integration, "NEWTON_SHARE", 1e-11)
-    monkeypatch.setattr(Command, "corners", lambda command, *_: command.times)
+    monkeypatch.setattr("dlo_ros.rod.integration.STEP_SHARE", 1e3)
+    monkeypatch.setattr("dlo_ros.rod.integration.NEWTON_SHARE", 1e-11)
+    monkeypatch.setattr("dlo_ros.command.Command.corners", lambda command, *_: command.times)

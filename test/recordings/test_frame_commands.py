@@ -211,43 +211,13 @@ def test_a_robot_that_begins_is_not_taken_to_stay():
     assert common_instants([begun, [70]]) == []
 
 
-def test_live_a_clamp_that_is_told_once_does_not_stop_the_other():
-    """The logic alone: three seconds of poses, a look at them every 20 ms."""
+@pytest.fixture
+def live():
+    """Live frames without a graph: their commands, clock, warnings and published topics."""
     pytest.importorskip("rclpy")
     from dlo_ros.nodes.live_frame_commands import POSES, FrameCommands
 
-    commands, clock, warned = [], [BEGIN], []
-    nothing = SimpleNamespace(
-        solved=lambda what: None,
-        count=lambda what: None,
-        warn=lambda what, text: warned.append(text),
-    )
-    node = SimpleNamespace(
-        settings=settings("pose"), health=nothing, now=lambda: clock[0],
-        every=lambda period, callback: None, subscribe=lambda *a, **options: None,
-        is_published=lambda topic: True, check_stamp=lambda stamp, what: None,
-    )  # fmt: skip
-    frames = FrameCommands(node, commands.append)
-    base = transform_message(BAG_MESSAGES, BEGIN, "board", "base", BASE[0], BASE[1].as_quat())
-    frames._listener.transforms.add(base, fixed=True)
-    frames._on_pose(POSES["end"], pose_message(0, "end"))
-    for k in range(300):
-        clock[0] = BEGIN + k * STEP
-        frames._on_pose(POSES["start"], pose_message(k))
-        if k % 2:
-            frames._proceed()
-            frames._look()
-    assert commands[-1].end_stamp == clock[0] and not warned
-    positions, _ = commands[-1].sample(clock[0])
-    assert np.allclose(positions, [clamp(299)[0], clamp(0, "end")[0]], atol=1e-9)
-
-
-def test_live_a_pose_of_another_clock_stops_none_of_the_others():
-    """One of a frame of /tf; what comes on the topics of poses is looked at there."""
-    pytest.importorskip("rclpy")
-    from dlo_ros.nodes.live_frame_commands import POSES, FrameCommands
-
-    commands, clock, warned = [], [BEGIN], []
+    commands, clock, warned, published = [], [BEGIN], [], set(POSES.values())
     health = SimpleNamespace(
         solved=lambda what: None,
         count=lambda what: None,
@@ -256,18 +226,42 @@ def test_live_a_pose_of_another_clock_stops_none_of_the_others():
     node = SimpleNamespace(
         settings=settings("pose"), health=health, now=lambda: clock[0],
         every=lambda period, callback: None, subscribe=lambda *a, **options: None,
-        is_published=lambda topic: topic == POSES["start"], check_stamp=lambda stamp, what: None,
+        is_published=published.__contains__, check_stamp=lambda stamp, what: None,
     )  # fmt: skip
     frames = FrameCommands(node, commands.append)
     base = transform_message(BAG_MESSAGES, BEGIN, "board", "base", BASE[0], BASE[1].as_quat())
     frames._listener.transforms.add(base, fixed=True)
+    return SimpleNamespace(
+        frames=frames, commands=commands, clock=clock, warned=warned, published=published, **POSES
+    )
+
+
+def test_live_a_clamp_that_is_told_once_does_not_stop_the_other(live):
+    """The logic alone: three seconds of poses, a look at them every 20 ms."""
+    frames, commands, clock = live.frames, live.commands, live.clock
+    frames._on_pose(live.end, pose_message(0, "end"))
+    for k in range(300):
+        clock[0] = BEGIN + k * STEP
+        frames._on_pose(live.start, pose_message(k))
+        if k % 2:
+            frames._proceed()
+            frames._look()
+    assert commands[-1].end_stamp == clock[0] and not live.warned
+    positions, _ = commands[-1].sample(clock[0])
+    assert np.allclose(positions, [clamp(299)[0], clamp(0, "end")[0]], atol=1e-9)
+
+
+def test_live_a_pose_of_another_clock_stops_none_of_the_others(live):
+    """One of a frame of /tf; what comes on the topics of poses is looked at there."""
+    frames, clock = live.frames, live.clock
+    live.published.remove(live.end)
     for k in range(100):
         clock[0] = BEGIN + k * STEP
-        frames._on_pose(POSES["start"], pose_message(10_000 if k == 50 else k))
+        frames._on_pose(live.start, pose_message(10_000 if k == 50 else k))
         frames._proceed()
-    assert commands[-1].end_stamp == clock[0] and not warned
+    assert live.commands[-1].end_stamp == clock[0] and not live.warned
     frames._look()
-    assert "s ahead of the clock" in warned[0]
+    assert "s ahead of the clock" in live.warned[0]
 
 
 def test_the_ends_of_a_topic_are_read_without_what_lies_between(tmp_path):
