@@ -66,7 +66,7 @@ class EstimatorThread:
         self._tasks: deque[Task] = deque([settings])
         self._outcomes: deque[EstimateOutcome] = deque(maxlen=WAITING)
         self._generation = 0
-        self._paused = self._stopping = False
+        self.paused = self._stopping = False
         self.dropped = 0
         sys.setswitchinterval(SWITCH)
         self._thread = threading.Thread(target=self._run, name="estimator", daemon=True)
@@ -116,13 +116,13 @@ class EstimatorThread:
     def pause(self, paused: bool) -> None:
         """Let the estimate hold, or go on with what waits."""
         with self._changed:
-            self._paused = paused
+            self.paused = paused
             self._changed.notify()
 
     def take(self) -> list[EstimateOutcome]:
         """The outcomes since the last call; none while the estimate holds."""
         with self._changed:
-            if self._paused:
+            if self.paused:
                 return []
             outcomes = list(self._outcomes)
             self._outcomes.clear()
@@ -156,7 +156,7 @@ class EstimatorThread:
         while True:
             with self._changed:
                 idle = estimator is None or not _has_work(estimator, monitor)
-                while not self._stopping and (self._paused or (idle and not self._tasks)):
+                while not self._stopping and (self.paused or (idle and not self._tasks)):
                     self._changed.wait()
                 if self._stopping:
                     return

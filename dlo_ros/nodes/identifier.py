@@ -52,7 +52,6 @@ class IdentifierNode(DloNode):
         self._basis = SplineBasis(rod.control_points, rod.length)
         self._pairing = Pairing()
         self._motion = Motion()
-        self._paused = False
         self._determined: tuple[str, ...] = ()
         self._clouds: OrderedDict[int, CentrelinePoints] = OrderedDict()
         self._held: deque[tuple[float, Observation]] = deque()
@@ -184,7 +183,7 @@ class IdentifierNode(DloNode):
 
     def _release(self) -> None:
         """Hand observed splines to the estimator, in order, with their points where they come."""
-        if self._held and not self._paused:
+        if self._held and not self._estimator.paused:
             for measured in self._forces.take(self._motion.commands):
                 self._estimator.feel(measured)
         expected = self.is_published(topics.OBSERVED_POINTS)
@@ -194,7 +193,7 @@ class IdentifierNode(DloNode):
             if points is None and expected and time.monotonic() < deadline:
                 return
             self._held.popleft()
-            if not self._paused:
+            if not self._estimator.paused:
                 self._estimator.observe(
                     Observation(observation.stamp, observation.control_points, points)
                 )
@@ -249,10 +248,10 @@ class IdentifierNode(DloNode):
         if not self._last_observed:
             missing.append(topics.OBSERVED)
         if missing:
-            paused = "; paused" if self._paused else ""
+            paused = "; paused" if self._estimator.paused else ""
             self.health.waiting(" and ".join(missing) + paused)
             return
-        state = "paused" if self._paused else "estimating"
+        state = "paused" if self._estimator.paused else "estimating"
         known = ", ".join(self._determined)
         self.health.running(
             f"{state}; the data determine {known}"
@@ -270,12 +269,11 @@ class IdentifierNode(DloNode):
         self.health.warn("model", str(suspicion))
 
     def _on_pause(self, request: Any, response: Any) -> Any:
-        self._paused = bool(request.data)
-        self._estimator.pause(self._paused)
+        self._estimator.pause(bool(request.data))
         self._say_state()
         self._wake.trigger()  # a step that was under way has had its outcome meanwhile
         response.success = True
-        response.message = "paused" if self._paused else "running"
+        response.message = "paused" if self._estimator.paused else "running"
         return response
 
 
