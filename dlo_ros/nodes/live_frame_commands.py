@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -11,9 +10,8 @@ from typing import Any
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import InputError, ParameterError
 from dlo_ros.nodes import qos
-from dlo_ros.nodes.node_base import JUMP_BACK, DloNode
+from dlo_ros.nodes.node_base import JUMP_BACK, DloNode, latest
 from dlo_ros.nodes.transform_listener import KEPT, TransformListener
-from dlo_ros.recordings import topics
 from dlo_ros.recordings.frame_commands import (
     LONGEST_SILENCE,
     POSES,
@@ -92,7 +90,7 @@ class FrameCommands:
             return  # not all has come yet; `_look` reports where it stays so
         if not stamps and self._now and not self._last:  # all of it holds for good
             stamps = [self._now]
-        new = [s for s in stamps if self._last < s <= self._latest()]
+        new = [s for s in stamps if self._last < s <= latest(self._now)]  # of /tf, too
         if not new:
             return
         before = [s for s in stamps if s <= self._last][-1:]
@@ -100,11 +98,6 @@ class FrameCommands:
         self._last = new[-1]
         self._node.health.count("commands")
         self._node.health.solved("command")
-
-    def _latest(self) -> float:
-        """Stamp [ns] beyond which a pose is another clock's; it may be of a frame of /tf."""
-        now = self._node.now()
-        return now + topics.FUTURE * NANOSECONDS if now else math.inf
 
     def _instants(self, frames: dict[str, Any], since: int = 0) -> list[int]:
         """Stamps of the clamps' poses; one that was told once may be of a robot that begins."""
@@ -124,7 +117,7 @@ class FrameCommands:
             node.health.warn("command", f"command.source is '{self._source}': {err}")
             return
         now = node.now()
-        if moving and moving[-1] > self._latest():
+        if moving and moving[-1] > latest(now):
             node.health.warn(
                 "command",
                 f"the clamps' frames are stamped {(moving[-1] - now) / NANOSECONDS:.1f} s ahead of "

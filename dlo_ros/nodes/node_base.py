@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import traceback
 from abc import ABC, abstractmethod
@@ -33,6 +34,11 @@ PROGRESS = 0.2
 
 JUMP_BACK = 0.5
 """Seconds that time must go back to count as a restart; less is messages out of order."""
+
+
+def latest(now: int) -> float:
+    """Stamp [ns] beyond which a message is of another clock; `now` is zero where none has begun."""
+    return now + topics.FUTURE * NANOSECONDS if now else math.inf
 
 
 class DloNode(Node, ABC):
@@ -149,7 +155,7 @@ class DloNode(Node, ABC):
                 f"{what} has no stamp (header.stamp is zero); let its driver stamp it with the "
                 "instant that it shows, by the clock of the commands"
             )
-        if now and ahead > topics.FUTURE:
+        if stamp > latest(now):
             raise InputError(
                 f"{what} is stamped {ahead:.1f} s ahead of the clock; "
                 "with a recording set use_sim_time and play it with /clock"
