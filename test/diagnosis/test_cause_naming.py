@@ -352,12 +352,18 @@ def test_what_is_indispensable_is_named_though_its_size_is_not_known(
 
 
 @pytest.mark.parametrize(
-    ("complete", "far", "named"), [(True, False, True), (False, False, False), (True, True, False)]
-)
-def test_what_mends_another_s_law_is_no_cause(monkeypatch, complete, far, named):
+    ("complete", "far", "own", "least", "named"),
+    [
+        (True, False, 0.18e-3, 0.5e-3, True), (False, False, 0.18e-3, 0.5e-3, False),
+        (True, True, 0.18e-3, 0.5e-3, False),
+        (True, False, 0.35e-3, 0.1e-3, True), (True, True, 0.35e-3, 0.1e-3, False),
+    ],
+)  # fmt: skip
+def test_what_mends_another_s_law_is_no_cause(monkeypatch, complete, far, own, least, named):
     """A softer part beside a gradient of another course: 0.2 mm for 0.4 of 11 mm.
 
-    Where nothing is left it is one, but for beside a gradient that is far beyond its tolerance.
+    Where nothing is left it is one, but for beside a gradient that is far beyond its tolerance:
+    there it is none either where all that it takes away is the measurement's own error.
     """
     gradient = proposal_of(PAPER, Start("stiffness_gradient", {"change": 0.0}, (), ("change",)))
     start = Start("stiff_segment", {"ratio": 2.0}, ("ratio",), ("ratio",), neutral=False)
@@ -367,7 +373,7 @@ def test_what_mends_another_s_law_is_no_cause(monkeypatch, complete, far, named)
     stand_in(monkeypatch, "beyond", lambda *_: [replace(gradient, start=None)] * far)
     stand_in(monkeypatch, "certain", lambda _, g, *__: g.effect == start.effect)
     words = {"setup": setup, "complete": complete}
-    assert is_named(monkeypatch, start, at, bare, [0.18e-3], 0.5e-3, **words) is named
+    assert is_named(monkeypatch, start, at, bare, [own], least, **words) is named
 
 
 @pytest.mark.slow

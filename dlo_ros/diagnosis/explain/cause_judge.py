@@ -75,8 +75,9 @@ class Judge:
             here, without_it, own = self._errs_where_it_acts(self.at, bare, group)
         if self.exact or (group.start is None and self._lies_beyond(group)):
             return True
-        explained = without_it < OWN * min(own, here)
-        needed = self.complete and without_it > OWN * here and not self._mends_a_law(group)
+        mends = self._mends_a_law(group)
+        explained = without_it < OWN * (own if mends else min(own, here))
+        needed = self.complete and without_it > OWN * here and not mends
         little = explained or (without_it - here < self.least and not needed)
         return not little or self._bears_a_share(group, bare) or bool(strained(bare, self.at))
 
