@@ -69,6 +69,9 @@ class PlainRod(NamedTuple):
     speed: float = 1.0
 
 
+Reach = tuple[float, float, float]
+
+
 @dataclass(frozen=True)
 class Scene:
     """Size, clamps and reach of the motion in the recordings that a model is fitted to.
@@ -79,7 +82,8 @@ class Scene:
         held: ends whose position is imposed in some recording.
         curvature: 90th percentile of the largest curvature of each frame [1/m].
         known: dampings of the parameter file (air_drag, relaxation_time) that are no guesses.
-        reach: smallest and largest x, smallest z of the shapes [m]; None: not known.
+        reach, held_reach: smallest and largest x, smallest z of the shapes, and of the held ends
+            [m]; None: not known, or nothing is held.
         spatial: whether they leave the board's plane, and what acts across it counts.
         in_hands: whether the clamps are commanded by frames of a robot's hands.
     """
@@ -89,7 +93,8 @@ class Scene:
     held: tuple[str, ...]
     curvature: float
     known: tuple[str, ...] = ()
-    reach: tuple[float, float, float] | None = None
+    reach: Reach | None = None
+    held_reach: Reach | None = None
     spatial: bool = False
     in_hands: bool = False
 

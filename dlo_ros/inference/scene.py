@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from dlo_ros.command import CONTROL_POINT, END, START
 from dlo_ros.effects import Scene
+from dlo_ros.effects.start import Reach
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.thresholds import TRACKER_ERROR
@@ -53,7 +55,14 @@ def _imposed(names: Sequence[str], n: int, points: Sequence[int]) -> tuple[str, 
 def scene_of(settings: Settings, recordings: Sequence[Recording]) -> Scene:
     """Look at recordings as they were observed."""
     names = imposed_names(r.manipulation for r in recordings)
-    return scene(settings, names, [r.observed for r in recordings])
+    view = scene(settings, names, [r.observed for r in recordings])
+    n = settings.rod.control_points
+    held = [
+        r.observed[:, 0 if end == START else -1, :3]
+        for r in recordings
+        for end in {START, END} - set(free_ends(r.manipulation, n))
+    ]
+    return replace(view, held_reach=_reach(np.concatenate(held))) if held else view
 
 
 def scene(settings: Settings, names: Sequence[str], predicted: Sequence[FloatArray]) -> Scene:
@@ -78,8 +87,13 @@ def scene(settings: Settings, names: Sequence[str], predicted: Sequence[FloatArr
         clamps=_imposed(names, n, (1,)),
         held=_imposed(names, n, (0, 1)),
         curvature=max(float(np.percentile(np.concatenate(largest), 90.0)), STRAIGHT / length),
-        reach=(reached[:, 0].min(), reached[:, 0].max(), reached[:, 2].min()),
+        reach=_reach(reached),
         spatial=bool(reached[:, 1].std() > TRACKER_ERROR * length),
         known=tuple(n for n in DAMPING if getattr(settings.damping, f"{n}_std") > 0.0),
         in_hands=settings.command.source != "topic",
     )
+
+
+def _reach(points: FloatArray) -> Reach:
+    """Smallest and largest x, smallest z of points [m], shape (M, 3)."""
+    return float(points[:, 0].min()), float(points[:, 0].max()), float(points[:, 2].min())

@@ -9,7 +9,7 @@ import recordings_samples as samples
 
 from dlo_ros.effects.registry import starts
 from dlo_ros.inference.priors import cause_priors
-from dlo_ros.inference.scene import free_ends, scene
+from dlo_ros.inference.scene import free_ends, scene, scene_of
 from dlo_ros.spline import SplineBasis
 
 
@@ -37,3 +37,28 @@ def test_every_cause_can_be_tried_on_a_dlo_that_hangs_straight():
     for start in starts(scene(samples.SETTINGS, ["start"], [np.array([shape, shape])])):
         fitted, _ = cause_priors(samples.SETTINGS, start)
         assert all(np.isfinite(p.centre) for p in fitted)
+
+
+def test_no_wall_is_offered_that_holds_back_a_held_end():
+    """The start is held at x = 0 and the whole DLO to the right of it, lower in the other one."""
+    settings = samples.SETTINGS
+    n = settings.rod.control_points
+    shape = np.zeros((n, 3))
+    shape[:, 0] = np.linspace(0.0, 0.9 * settings.rod.length, n)
+    shape[:, 2] = -0.1 * settings.rod.length * np.linspace(0.0, 1.0, n)
+
+    def walls(*commands):
+        recordings = [
+            SimpleNamespace(
+                manipulation=SimpleNamespace(commands=(SimpleNamespace(names=(end,)),)),
+                observed=np.array([shape, shape]),
+            )
+            for end in commands
+        ]
+        found = starts(scene_of(settings, recordings))
+        return [s.form for s in found if s.effect == "wall"]
+
+    assert walls("start") == ["table", "table", "right", "right"]
+    assert walls("end") == ["left", "left"]
+    assert walls("control_point_5") == ["table", "table", "left", "left", "right", "right"]
+    assert walls("start", "end") == []

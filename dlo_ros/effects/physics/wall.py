@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from dlo_ros.effects.base import Body, Effect, Scene, Start, Wall, quantity
+from dlo_ros.effects.start import Reach
 from dlo_ros.spline import FloatArray
 
 OUT_OF_REACH = -100.0  # [m] beyond every rope
@@ -48,20 +49,17 @@ class StraightWall(Effect):
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
-        """A table, and walls at both sides, that hold back what goes furthest."""
+        """A table, and walls at both sides, that hold back what goes furthest, but no held end."""
         if scene.reach is None:
             return []
-        left, right, low = scene.reach
-        length = scene.rope.length
-        sides = (
-            ("table", low, 0.0),
-            ("left", left, 0.5 * math.pi),
-            ("right", -right, -0.5 * math.pi),
-        )
+        far = _towards_free_side(scene.reach)
+        held = _towards_free_side(scene.held_reach or (math.inf, -math.inf, math.inf))
+        sides = (("table", 0.0), ("left", 0.5 * math.pi), ("right", -0.5 * math.pi))
         return [
-            cls._start(end + depth * length, angle, form)
-            for form, end, angle in sides
-            for depth in DEPTHS
+            cls._start(offset, angle, form)
+            for (form, angle), end, nearest in zip(sides, far, held, strict=True)
+            for offset in (end + depth * scene.rope.length for depth in DEPTHS)
+            if offset < nearest
         ]
 
     @classmethod
@@ -80,3 +78,9 @@ class StraightWall(Effect):
         return Start(
             cls.name, {keys[0]: offset, keys[1]: angle}, keys, keys, neutral=False, form=form
         )
+
+
+def _towards_free_side(reach: Reach) -> tuple[float, float, float]:
+    """Smallest coordinates along the normals of a table, a left and a right wall [m]."""
+    left, right, low = reach
+    return low, left, -right
