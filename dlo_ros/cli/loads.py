@@ -9,7 +9,12 @@ from contextlib import suppress
 import numpy as np
 
 from dlo_ros.errors import DloError
-from dlo_ros.inference.forecast import Manipulation, forecast, warn_of_instability
+from dlo_ros.inference.forecast import (
+    Manipulation,
+    borne_from,
+    forecast,
+    warn_of_instability,
+)
 from dlo_ros.inference.smoothly_led import smoothly_led
 from dlo_ros.parameters import Settings
 from dlo_ros.report.loads import LoadRow
@@ -27,10 +32,11 @@ def borne(recordings: Sequence[Manipulation], settings: Settings) -> tuple[LoadR
         with suppress(DloError):
             found = forecast(smoothly_led(recording, length), settings, loads=True)
             warn_of_instability(found, recording.name)
-            if not found.loadings:  # the rod model does not say what is borne
+            first = borne_from(recording, settings)
+            if not found.loadings[first:]:  # the rod model does not say what is borne
                 continue
             times = 1e-9 * (found.stamps - found.stamps[0]).astype(np.float64)
-            extremes = Extremes(found.loadings, times.tolist())
+            extremes = Extremes(found.loadings[first:], times[first:].tolist())
             pulled, bent = extremes.loadings[extremes.pulled], extremes.loadings[extremes.bent]
             rows.append(
                 LoadRow(

@@ -23,7 +23,7 @@ from dlo_ros.cli.loading import (
 from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import estimate_covariance, stated_covariance
-from dlo_ros.inference.forecast import forecast, warn_of_instability
+from dlo_ros.inference.forecast import borne_from, forecast, warn_of_instability
 from dlo_ros.inference.lost_time import stated_stamps
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
@@ -43,6 +43,7 @@ from dlo_ros.spline import FloatArray
 
 WRITTEN_TOPICS = (topics.PREDICTED, *topics.LOADS, topics.ERR)
 """Topics that the tool writes itself, and does not copy from its input."""
+ONE_SHAPE = "loads: none, since one observed shape from which a simulation starts tells none"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -96,8 +97,10 @@ def _follow(arguments: argparse.Namespace, settings: Settings) -> int:
         copy_topics(bag, writer, exclude=(*WRITTEN_TOPICS, *_images()))
         # A recording goes on with its own stamps, also where they lack time.
         stamps = stated_stamps(found.stamps, manipulation.gaps)
+        first = borne_from(manipulation, settings)
         for k, stamp in enumerate(int(stamp) for stamp in stamps):
-            _write(writer, settings, stamp, found.predicted[k], found.loadings[k : k + 1])
+            borne = found.loadings[k : k + 1] if k >= first else ()
+            _write(writer, settings, stamp, found.predicted[k], borne)
             writer.write(topics.ERR, float_message(BAG_MESSAGES, float(found.err[k])), stamp)
     own = 1e3 * found.resolution_error * settings.rod.length
     accuracy = "" if np.isnan(own) else f" (the simulation's own error is {own:.2g} mm)"
@@ -107,8 +110,10 @@ def _follow(arguments: argparse.Namespace, settings: Settings) -> int:
         f"{1e3 * found.err.max():.2f} mm at most{accuracy}"
     )
     times = (found.stamps - found.stamps[0]) / NANOSECONDS
-    extremes = Extremes(found.loadings, times)
-    for line in extremes.sentences(settings.limits) if found.loadings else [NO_LOADS]:
+    lines = [ONE_SHAPE if found.loadings else NO_LOADS]
+    if found.loadings[first:]:
+        lines = Extremes(found.loadings[first:], times[first:]).sentences(settings.limits)
+    for line in lines:
         print(line)
     return 0
 

@@ -18,7 +18,7 @@ from dlo_ros.effects.start import Block
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces
 from dlo_ros.identification.estimate import bounded
 from dlo_ros.identification.identifiability import rounded
-from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.forecast import Manipulation, borne_from
 from dlo_ros.inference.wrench import (
     WrenchField,
     WrenchInformation,
@@ -102,18 +102,21 @@ def grip_wrenches(loadings: Sequence[Loading], end: str) -> FloatArray | None:
 
 
 def borne_along(
-    recording: Manipulation, loadings: Sequence[Loading], stamps: Iterable[int]
-) -> list[GripForces]:
+    recording: Manipulation, loadings: Sequence[Loading], stamps: Iterable[int],
+    settings: Settings,
+) -> list[GripForces]:  # fmt: skip
     """Measured forces at the ends of a recording, beside the predicted ones.
 
     Args:
-        loadings: predicted loads, F of them.
+        loadings: predicted loads at all compared instants.
         stamps: their stamps [ns].
+        settings: settings of the simulation, whose start may shake the first of them.
     """
-    at = tuple(int(stamp) for stamp in stamps)
+    first = borne_from(recording, settings)
+    at = tuple(int(stamp) for stamp in stamps)[first:]
     result = []
     for measured in recording.wrenches:
-        predicted = grip_wrenches(loadings, measured.end)
+        predicted = grip_wrenches(loadings[first:], measured.end)
         if predicted is not None:
             label = f"{recording.name}, {measured.end}"
             result.append(GripForces(label, measured, at, predicted, recording.commands))

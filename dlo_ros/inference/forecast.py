@@ -188,6 +188,15 @@ def as_started(settings: Settings, manipulation: Manipulation) -> Settings:
     return replace(settings, simulation=replace(settings.simulation, start=manipulation.start))
 
 
+def borne_from(manipulation: Manipulation, settings: Settings) -> int:
+    """Number of the first compared instant at which predicted loads are those of the DLO.
+
+    A DLO that starts from an observed shape is accelerated in that instant by what the noise of the
+    shape bends and stretches, with many times its weight; at the next one that has died out.
+    """
+    return 0 if as_started(settings, manipulation).simulation.start == "equilibrium" else 1
+
+
 def motion_of(manipulation: Manipulation) -> Motion:
     """The commands of a manipulation as one motion."""
     motion = Motion()

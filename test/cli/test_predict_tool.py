@@ -80,6 +80,29 @@ def test_predict_writes_what_the_grip_bears(recording, tmp_path, capsys):
     assert len(messages(again, topics.FORCE_START)) == FRAMES
 
 
+def test_an_observed_start_pulls_by_no_more_than_the_dlo_weighs(tmp_path, capsys):
+    """Its first instant alone would: the noise of a shape bends it with many times its weight."""
+    n, rng = ROD.rod.control_points, np.random.default_rng(0)
+    down = np.array([[[0.0, np.sin(np.pi / 4), 0.0, np.cos(np.pi / 4)]]])
+    nothing = np.full((1, 1, 3), np.nan)
+    held = Command(START, ("start",), np.zeros(1), np.zeros((1, 1, 3)), down, nothing, n)
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.write(topics.COMMAND, command_message(BAG_MESSAGES, held), START)
+        for stamp in range(START, START + 3 * EVERY, EVERY):
+            shape = np.zeros((n, 4))
+            shape[:, 2] = -SplineBasis(n, ROD.rod.length).greville
+            shape[1:, 0] = rng.normal(0.0, 1e-3, n - 1)
+            message = spline_message(BAG_MESSAGES, stamp, "board", shape)
+            writer.write(topics.OBSERVED, message, stamp)
+    given = ["--params", str(parameters(tmp_path)), str(tmp_path / "bag"), "--force"]
+    for start, count in (("equilibrium", 3), ("observed", 2), ("moving", 1)):
+        out = tmp_path / "out.mcap"
+        assert main(["predict", *given, "--start", start, "--output", str(out)]) == 0
+        tension = [m.data for m in messages(out, topics.TENSION)]
+        assert len(tension) == count and max(tension) < 1.5 * WEIGHT
+        assert f"largest tension {max(tension):.3g} N" in capsys.readouterr().out
+
+
 def test_predict_tells_of_limits(recording, tmp_path, capsys):
     params = parameters(tmp_path, tension=0.05, bend_radius=1e-3)
     words = ["predict", "--params", str(params), "--output", str(tmp_path / "out")]

@@ -96,6 +96,14 @@ def test_a_stated_tolerance_leaves_what_forces_tell(swinging):
     assert found.estimate.young_modulus_std < 1.5 * plain.young_modulus_std
 
 
+@pytest.mark.parametrize("start", ["observed", "moving"])
+def test_a_start_from_an_observed_shape_leaves_what_forces_tell(swinging, start):
+    """The noise of that shape shakes the simulation in its first instant, and no sensor felt it."""
+    estimate = identify([replace(swinging, start=start)], known(SENSOR)).estimate
+    assert estimate.density == pytest.approx(PAPER.rod.density, rel=0.05)
+    assert estimate.density_std < 0.05 * PAPER.rod.density
+
+
 def test_live_forces_tell_both_e_and_mu(swinging):
     estimator = OnlineEstimator(known(SENSOR), budget=np.inf)
     for imposed in swinging.commands:

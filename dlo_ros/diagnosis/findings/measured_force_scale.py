@@ -94,7 +94,7 @@ def _scale(model: Fitted, recordings: Sequence[Manipulation], given: Settings) -
     borne = []
     for recording in recordings:
         at = forecast(recording, model.settings, loads=True)
-        borne += borne_along(recording, at.loadings, at.stamps)
+        borne += borne_along(recording, at.loadings, at.stamps, model.settings)
     density, std = model.density
     if std is None and given.rod.density_std > 0.0:  # what is weighed holds for any model
         std = given.rod.density_std * density / given.rod.density

@@ -152,9 +152,9 @@ def _borne_along(
         here, *others = islice(forecasts, len(sets))
         if here is None:
             raise SimulationError(f"{recording.name}: cannot be simulated with its forces")
-        borne = borne_along(recording, here.loadings, here.stamps)
-        held = {b.measured.end for b in borne}
-        for end in sorted({w.end for w in recording.wrenches} - held):
+        borne = borne_along(recording, here.loadings, here.stamps, found.settings)
+        ends = sorted({w.end for w in recording.wrenches})
+        for end in (e for e in ends if grip_wrenches(here.loadings, e) is None):
             LOG.warning(
                 "%s: no command holds the %s of the DLO; forces there are not used",
                 recording.name, end,
@@ -192,8 +192,8 @@ def _with_differences(
         others: forecasts with the settings of `_around` but the first.
         ratios: see `_borne_along`.
     """
-    end = borne.measured.end
-    wrenches = [grip_wrenches(found.loadings if found else (), end) for found in others]
+    end, count = borne.measured.end, len(borne.stamps)
+    wrenches = [grip_wrenches(found.loadings[-count:] if found else (), end) for found in others]
     differences = []
     for k, step in enumerate(STEPS):
         above, below = wrenches[2 * k : 2 * k + 2]

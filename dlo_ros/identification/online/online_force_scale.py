@@ -80,7 +80,8 @@ class Forces:
             LOG.warning("measured forces are not used for now: %s", err)
             return
         live = Manipulation("live", tuple(past.motion.commands), seen, self._wrenches())
-        borne, diameter = borne_along(live, loadings, stamps), diameter_error(self._settings.rod)
+        borne = borne_along(live, loadings, stamps, self._settings)
+        diameter = diameter_error(self._settings.rod)
         scale = yield from scale_of(borne, self._settings, diameter_std=diameter)
         if scale is None or (not self._weighed and scale.information < prior.forces[MU, MU]):
             return  # an earlier window has more information
