@@ -35,6 +35,7 @@ from dlo_ros.synthesis.wrench_sensor import WrenchSensor
 
 WEIGHT = PAPER.rod.linear_density * PAPER.rod.length * 9.81
 LENGTH = PAPER.rod.length
+ROD = ("length", "diameter", "young_modulus", "density")
 
 
 def known(sensor: WrenchSensor, factor: float = 1.0) -> Settings:
@@ -240,3 +241,37 @@ def test_a_hidden_mass_is_weighed_by_forces(tmp_path):
         masses.append(found.effects[0].parameters["mass"])
     assert abs(masses[0].value - 0.003) < 2.0 * masses[0].std
     assert masses[0].std < 0.5 * masses[1].std
+
+
+def test_a_mass_that_is_known_to_its_std_goes_with_the_scale_of_forces(tmp_path):
+    """Shapes tell its ratio to mu: a file that says 3.6 g of one of 3 g bends no prediction."""
+    mass = {"mass": 0.003, "position": 0.4}
+    tree = {
+        "parameters": {
+            "rod": {k: getattr(PAPER.rod, k) for k in ROD},
+            "effects": {"point_mass": mass},
+        },
+        "guess": {"rod": {"young_modulus": 2e7, "density": 2000.0}},
+        "duration": 1.2,
+        "initial_shape": [[0.0, 0.0], [0.4, -0.05]],
+        "motion": {
+            "start": [
+                {"time": 0.0, "position": [0.0, 0.0, 0.0], "angle": 0.0},
+                {"time": 0.4, "position": [0.1, 0.0, 0.05], "angle": 0.5},
+                {"time": 0.7, "position": [0.05, 0.0, 0.05], "angle": -0.2},
+            ]
+        },
+    }
+    experiment = with_wrench(read_experiment(tree, "hung", "hung.yaml"))
+    synthesize(experiment, tmp_path / "bag", images=False)
+    stated = {"point_mass": {**mass, "mass": 0.0036}}
+    flat = experiment.guess.with_effects(stated).flat()
+    settings = Settings.from_mapping(flat | {"effects.point_mass.mass_std": 0.0006})
+    found = identify([load_manipulation(tmp_path / "bag", settings)], settings)
+    value, std = found.fitted.set_up["effects.point_mass.mass"]
+    assert value == pytest.approx(0.003, rel=0.02) and 1e-6 < std < 1e-4
+    assert abs(value - 0.003) < 4.0 * std
+    effects = found.estimate.settings.effects
+    assert effects["point_mass"]["mass"] == pytest.approx(value)
+    assert found.estimate.density == pytest.approx(PAPER.rod.density, rel=0.02)
+    assert found.recordings[0].err < 4e-4

@@ -5,21 +5,22 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from dlo_ros.errors import InputError, SimulationError
-from dlo_ros.identification.estimate import Estimate, searchable, summarise, with_logarithms
+from dlo_ros.identification.estimate import Estimate, searchable, summarise
 from dlo_ros.identification.offline.initial_fit import begin
 from dlo_ros.identification.offline.set_up_estimate import MaterialFit, weighed
 from dlo_ros.identification.offline.wrench_identification import (
     ForceInformation,
     information_with_forces,
+    with_scale_of_forces,
 )
 from dlo_ros.identification.residual_noise import noise_floor
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
-from dlo_ros.inference.joint import as_fine, evaluate
+from dlo_ros.inference.joint import as_fine
 from dlo_ros.inference.parallel import Pool
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import SplineBasis
@@ -143,12 +144,10 @@ def _with_forces(
         forces = information_with_forces(train, found, given, pool)
         if forces is None:
             return found, None
-        model = replace(found.at.model, settings=with_logarithms(found.settings, forces.theta))
-        at = evaluate(model, found.recordings, found.at.variances)
+        return with_scale_of_forces(found, forces), forces
     except SimulationError as err:
         LOG.warning("measured forces are not used: %s", err)
         return found, None
-    return replace(found, at=at, information=found.information + forces.information), forces
 
 
 def _attempt(

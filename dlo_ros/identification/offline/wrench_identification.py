@@ -1,15 +1,16 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Separate estimates of E and mu, from shapes and the forces measured at the grips.
 
-Shapes leave the common scale of E, mu and drag open, and forces tell it (`force_scale`). What else
-shapes leave uncertain, the ratios of these three and the numbers of the set-up, changes forces as
-well; these changes are differences of whole simulations.
+Shapes leave the common scale of E, mu and drag open, and forces tell it (`force_scale`). What
+shapes tell over mu only, such as a mass that hangs on the DLO, goes with it. What else they leave
+uncertain, the ratios of these three and the numbers of the set-up, changes forces as well; these
+changes are differences of whole simulations.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -33,8 +34,9 @@ from dlo_ros.identification.force_scale import (
 from dlo_ros.identification.information import widened
 from dlo_ros.identification.offline.set_up_estimate import MaterialFit
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
+from dlo_ros.inference.joint import evaluate
 from dlo_ros.inference.parallel import Pool, Threads
-from dlo_ros.inference.parameter import value_of, with_values
+from dlo_ros.inference.parameter import ParametricModel, value_of, with_values
 from dlo_ros.inference.smoothly_led import smoothly_led
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
@@ -126,6 +128,51 @@ def information_with_forces(
     )
 
 
+def with_scale_of_forces(found: MaterialFit, forces: ForceInformation) -> MaterialFit:
+    """A fit to shapes with the material of shapes and forces, and the set-up that goes with it.
+
+    Shapes do not tell a mass on the DLO but its ratio to mu: it changes as much as mu does.
+
+    Raises:
+        SimulationError: a recording cannot be simulated.
+    """
+    follows, left = _following(found)
+    model = _followed(found, forces.scale.log)
+    model = replace(model, settings=with_logarithms(model.settings, forces.theta))
+    spread = np.hypot(left, follows * np.exp(forces.scale.log) * forces.scale.std[0])
+    set_up = {
+        p.name: (value_of(model.settings, p.name), p.outer_std(float(x), float(std)))
+        for p, x, std in zip(model.parameters, model.theta(), spread, strict=True)
+        if p.effect
+    }
+    at = evaluate(model, found.recordings, found.at.variances)
+    return replace(found, at=at, set_up=set_up, information=found.information + forces.information)
+
+
+def _following(found: MaterialFit) -> tuple[FloatArray, FloatArray]:
+    """What the fit's numbers do with ln mu where shapes stay, and their stds at a given mu.
+
+    Returns:
+        Change of each of the P parameters for a unit change of ln mu, and standard deviation, both
+        as inference sees them, shape (P,); zero for the material, which `MATERIAL` has.
+    """
+    covariance = found.at.posterior.covariance
+    own = np.array([bool(p.effect) for p in found.at.model.parameters])
+    k = found.at.model.index("density")
+    slope = covariance[k] / covariance[k, k]
+    variance = np.diag(covariance) - slope**2 * covariance[k, k]
+    return np.where(own, slope, 0.0), np.where(own, np.sqrt(np.maximum(variance, 0.0)), 0.0)
+
+
+def _followed(found: MaterialFit, log: float) -> ParametricModel:
+    """The fitted model with the set-up that goes with a change of ln mu, its material as it was.
+
+    It goes with mu itself: half of it takes half of a mass.
+    """
+    model = found.at.model
+    return model.at(model.theta() + np.expm1(log) * _following(found)[0])
+
+
 def _exact_diameter(shapes: FloatArray, diameter: float) -> FloatArray:
     """Information (4, 4) of shapes at the stated diameter, whose std over it they contain."""
     moved = shapes @ (2.0 * diameter * np.eye(len(shapes))[0])
@@ -144,7 +191,7 @@ def _borne_along(
     Args:
         ratios: root of the covariance of `RATIOS`, shape (3, 3).
     """
-    sets = _around(found.settings, found.set_up)
+    sets = _around(found)
     tasks = [(recording, one, spans) for recording, spans in pairs for one in sets]
     forecasts = iter(pool.map(_forecast, tasks))
     result = []
@@ -163,14 +210,19 @@ def _borne_along(
     return result
 
 
-def _around(at: Settings, set_up: Mapping[str, tuple[float, float]]) -> list[Settings]:
+def _around(found: MaterialFit) -> list[Settings]:
     """The settings, then for each direction those above and below, then one for each number."""
-    theta = logarithms(at)
-    result = [at]
+    at, model = found.settings, found.at.model
+    theta, result = logarithms(at), [at]
     for direction, step in zip(DIRECTIONS, STEPS, strict=True):
-        result += [with_logarithms(at, theta + s * step * direction) for s in (1.0, -1.0)]
-    for name, (_, std) in set_up.items():
-        result.append(with_values(at, {name: value_of(at, name) + std}))
+        for s in (step, -step):
+            # Along the scale of all forces, the last one, masses change as mu does.
+            there = _followed(found, s * direction[MU]).settings
+            result.append(with_logarithms(there, theta + s * direction))
+    for p, x, std in zip(model.parameters, model.theta(), _following(found)[1], strict=True):
+        if p.effect:
+            more = value_of(at, p.name) + p.outer_std(float(x), float(std))
+            result.append(with_values(at, {p.name: more}))
     return result
 
 
