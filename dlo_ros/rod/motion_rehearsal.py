@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from dlo_ros.command import END, NANOSECONDS, START, Command, Motion
+from dlo_ros.command import CONTROL_POINT, END, NANOSECONDS, START, Command, Motion
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.rod.loads.extreme_loads import Extremes
@@ -217,8 +217,8 @@ def slack(settings: RodSettings, command: Command) -> FloatArray:
     u = SplineBasis(n, length).greville
     position, rotation = command.sample(command.stamp)
     places = {name: position[k] for k, name in enumerate(command.names)}
-    first = places.get(START, places.get("control_point_1"))
-    last = places.get(END, places.get(f"control_point_{n}"))
+    first = places.get(START, places.get(f"{CONTROL_POINT}1"))
+    last = places.get(END, places.get(f"{CONTROL_POINT}{n}"))
     shape = np.zeros((n, 4))
     down = np.array(settings.gravity)
     if first is not None and last is not None:
@@ -239,11 +239,7 @@ def slack(settings: RodSettings, command: Command) -> FloatArray:
             + np.outer(np.cos(angle) - np.cos(half), side)
         )
         return shape
-    direction = np.array([1.0, 0.0, 0.0])
-    for name in (START, END):
-        if name in command.names:
-            turned = Rotation.from_quat(rotation[command.names.index(name)])
-            direction = turned.apply([1.0, 0.0, 0.0])
+    direction = _held_direction(command, places, rotation)
     if first is not None:
         from_there, anchor = u, first
     elif last is not None:
@@ -253,3 +249,26 @@ def slack(settings: RodSettings, command: Command) -> FloatArray:
         from_there, anchor = u - u[int(name.rpartition("_")[2]) - 1], places[name]
     shape[:, :3] = anchor + np.outer(from_there, direction)
     return shape
+
+
+def _held_direction(
+    command: Command, places: Mapping[str, FloatArray], rotations: FloatArray
+) -> FloatArray:
+    """Unit vector along growing u in which a command holds an end, shape (3,); x where it is free.
+
+    Args:
+        places: imposed positions by name [m].
+        rotations: imposed rotations, shape (K, 4).
+    """
+    direction, last = np.array([1.0, 0.0, 0.0]), command.control_points
+    for first, second in ((1, 2), (last - 1, last)):
+        pair = [places.get(f"{CONTROL_POINT}{k}") for k in (first, second)]
+        if pair[0] is not None and pair[1] is not None:
+            along = pair[1] - pair[0]
+            size = float(np.linalg.norm(along))
+            direction = along / size if size > 0.0 else direction
+    for name in (START, END):
+        if name in command.names:
+            turned = Rotation.from_quat(rotations[command.names.index(name)])
+            direction = turned.apply([1.0, 0.0, 0.0])
+    return direction

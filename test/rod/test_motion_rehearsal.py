@@ -181,6 +181,27 @@ def test_whatever_is_held_a_dlo_finds_its_rest(name):
     assert found.shapes[0, held, :3] == pytest.approx([0.1, 0.0, 0.2], abs=1e-6)
 
 
+@pytest.mark.parametrize("end", ["start", "end"])
+@pytest.mark.parametrize("angle", [0.4, np.pi])
+def test_two_control_points_hold_an_end_as_a_clamp_does(end, angle):
+    """Whichever way they point: the DLO is laid in their direction before it finds its rest."""
+    place = np.array([0.1, 0.0, 0.2])
+    along = np.array([np.cos(angle), 0.0, -np.sin(angle)])
+    step = LENGTH / 21 * along  # of the outer control points of a straight DLO
+    turned = np.array([[[0.0, np.sin(angle / 2), 0.0, np.cos(angle / 2)]]])
+    nothing = np.full((1, 1, 3), np.nan)
+    clamp = Command(SECOND, (end,), np.zeros(1), place[None, None], turned, nothing, 10)
+    names = ["control_point_1", "control_point_2"]
+    points = [place, place + step]
+    if end == "end":
+        names, points = ["control_point_9", "control_point_10"], [place - step, place]
+    imposed = command(names, [0.0], [points], stamp=SECOND)
+    by_clamp, by_points = (
+        rehearse(at_rest(PAPER, held, None), [SECOND], None).shapes[0] for held in (clamp, imposed)
+    )
+    np.testing.assert_allclose(by_points[:, :3], by_clamp[:, :3], atol=2e-3 * LENGTH)
+
+
 def test_a_motion_that_cannot_be_made_is_refused():
     places = [[[0.0, 0.0, 0.0], [0.3, 0.0, 0.0]], [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]]]
     torn = command(["start", "end"], [0.0, 1.0], places, stamp=SECOND)
