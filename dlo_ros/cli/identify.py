@@ -6,8 +6,9 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -172,12 +173,21 @@ def _more(
 def _key(train: Sequence[Manipulation], settings: Settings) -> str:
     """Tells whether results belong to the same recordings and settings."""
     digest = hashlib.sha256(settings.text().encode())
-    for recording in train:
-        for observation in recording.observations:
-            digest.update(observation.control_points.tobytes())
-        for command in recording.commands:
-            digest.update(command.positions.tobytes())
+    for part in _content(tuple(train)):
+        digest.update(part)
     return digest.hexdigest()
+
+
+def _content(value: object) -> Iterator[bytes]:
+    """All that dataclasses, tuples and arrays in one another hold, in order."""
+    if isinstance(value, tuple):
+        for one in value:
+            yield from _content(one)
+    elif is_dataclass(value):
+        for each in fields(value):
+            yield from _content(getattr(value, each.name))
+    else:
+        yield value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode()
 
 
 class _Kept:
