@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -28,13 +29,18 @@ def add_results_folder(parser: argparse.ArgumentParser) -> None:
 
 
 def check_results_folder(output: Path) -> None:
-    """Refuse an output that cannot be a folder, before any work is done.
+    """Refuse an output that cannot be a folder with new files, before any work is done.
 
     Raises:
-        InputError: it is a file.
+        InputError: it is a file or lies below one, or nothing can be written there.
     """
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: is a file; give a folder for the results")
+    there = next(path for path in (output, *output.absolute().parents) if path.exists())
+    if not there.is_dir():
+        raise InputError(f"{output}: cannot be written ({there} is a file)")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"{output}: cannot be written (no permission to write in {there})")
 
 
 def with_std(settings: Settings, std: float | None) -> Settings:

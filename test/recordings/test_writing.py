@@ -13,6 +13,7 @@ import resource
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -23,9 +24,12 @@ from ordinary import some_of
 from small_bags import SETTINGS, write_own
 from vision_scenes import Scene, bow, render
 
-from dlo_ros.cli.identify import _Kept
+from dlo_ros.cli.identify import _Kept, _key
+from dlo_ros.cli.loading import load_manipulation
+from dlo_ros.cli.results import check_results_folder
 from dlo_ros.errors import InputError
 from dlo_ros.files import write_bytes, write_text
+from dlo_ros.observation import CentrelinePoints, Wrenches
 from dlo_ros.recordings import read_recording
 
 LIMIT = 400
@@ -191,3 +195,38 @@ def test_results_kept_for_a_later_run_are_those_that_were_kept(tmp_path: Path) -
             path.write_bytes(data)
             found = _Kept(path, "key").results
             assert found == {} or all(np.array_equal(found[k], kept.results[k]) for k in found)
+
+
+def test_results_of_other_recordings_are_not_gone_on_with(inputs: Path) -> None:
+    """Any number of a recording counts: its stamps, its points, how its clamps turn, its forces."""
+    found = load_manipulation(inputs / "bag", SETTINGS)
+    first, *rest = found.observations
+    (command, *later) = found.commands
+    cloud = CentrelinePoints(np.zeros((1, 3)), np.zeros(1), np.full(1, 1e-3))
+    felt = Wrenches.along_axes("start", np.array([first.stamp]), np.ones((1, 6)))
+    turned = np.broadcast_to([0.0, 1.0, 0.0, 0.0], command.rotations.shape)
+    others = [
+        replace(found, observations=(replace(first, stamp=first.stamp - 1), *rest)),
+        replace(found, observations=(replace(first, points=cloud), *rest)),
+        replace(found, commands=(replace(command, stamp=command.stamp + 1), *later)),
+        replace(found, commands=(replace(command, rotations=turned), *later)),
+        replace(found, wrenches=(felt,)),
+        replace(found, start="moving"),
+    ]
+    keys = {_key([one], SETTINGS) for one in (found, *others)}
+    assert len(keys) == 1 + len(others)
+    assert _key([load_manipulation(inputs / "bag", SETTINGS)], SETTINGS) in keys
+
+
+def test_a_folder_that_cannot_be_made_is_refused_before_the_work(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_text("")
+    with pytest.raises(InputError, match=r"below: cannot be written \(.*file is a file\)"):
+        check_results_folder(file / "far" / "below")
+    check_results_folder(tmp_path / "far" / "below")
+    assert not (tmp_path / "far").exists()
+    if os.geteuid():  # root may write everywhere
+        closed = tmp_path / "closed"
+        closed.mkdir(mode=0o500)
+        with pytest.raises(InputError, match="no permission"):
+            check_results_folder(closed / "out")
