@@ -297,6 +297,7 @@ def search(
     length = settings.rod.length
     spans = 2 * SplineBasis(settings.rod.control_points, length).spans
     found: list[tuple[float, ManipulationCandidate]] = []
+    reason = "their DLO is about to snap through"
     for tried in range(budget):
         if tried < budget // 3 or not found:
             candidate = draw(KINDS[tried % len(KINDS)], workspace, length, rng)
@@ -310,7 +311,8 @@ def search(
         plan = replace(plan_of(candidate, "search", workspace, settings), rate=SEARCH_RATE)
         try:
             seen = judge(plan, spans)
-        except (SimulationError, InputError):
+        except (SimulationError, InputError) as err:
+            reason = str(err)
             continue
         if seen.reliable:
             found.append((seen.gain, candidate))
@@ -320,9 +322,13 @@ def search(
             break
         try:
             seen = judge(plan_of(candidate, "searched", workspace, settings), None)
-        except (SimulationError, InputError):
+        except (SimulationError, InputError) as err:
+            reason = str(err)
             continue
         final.append((candidate, seen))
     if not final:
-        raise SimulationError("no manipulation within the workspace can be simulated")
+        raise SimulationError(
+            f"none of {budget} manipulations within the workspace can be used ({reason}); try "
+            "more of them (--tries), or widen the workspace (--bounds)"
+        )
     return max(final, key=lambda pair: (pair[1].reliable, pair[1].gain))
