@@ -19,6 +19,7 @@ from dlo_ros.cli.effect_words import (
     readable,
     remedy,
     sided,
+    spread,
     title,
 )
 from dlo_ros.diagnosis import NamedEffect, Number
@@ -226,15 +227,4 @@ def _value(effect: str, key: str, n: Number, length: float, said: str) -> str:
     low, high = min(n.value), max(n.value)
     known = [s for s in stds if s is not None and math.isfinite(s)]
     each = f", each +- {number(float(np.median(known)), digits=1)}" if known else ""
-    return f"{words} {_range(low, high, n.unit, q)}{each}"
-
-
-def _range(low: float, high: float, unit: str, q: Quantity | None) -> str:
-    """Two numbers, with the words for their sides in the place of signs where there are some."""
-    sides = [q.side(v) if q else "" for v in (low, high)]
-    if sides[0] != sides[1]:
-        ends = [f"{number(abs(v), unit, 2)} {s}" for v, s in zip((low, high), sides, strict=True)]
-        return f"from {' to '.join(ends)}"
-    if sides[0]:
-        low, high = sorted((abs(low), abs(high)))
-    return f"from {number(low, digits=2)} to {number(high, unit, 2)} {sides[0]}".rstrip()
+    return f"{words} {spread(low, high, n.unit, q)}{each}"

@@ -84,6 +84,25 @@ def interval(first: float, last: float, unit: str) -> str:
     return f"{number(factor * first, digits=2)} to {number(factor * last, shown, 2)}"
 
 
+def spread(low: float, high: float, unit: str, q: Quantity | None) -> str:
+    """The smallest and the largest of several numbers along the DLO, as one where they are alike.
+
+    Words for their sides stand in the place of signs where there are some.
+
+    Args:
+        q: the parameter; None: not known (any more).
+    """
+    sides = [q.side(v) if q else "" for v in (low, high)]
+    if sides[0] != sides[1]:
+        ends = [f"{number(abs(v), unit, 2)} {s}" for v, s in zip((low, high), sides, strict=True)]
+        return f"from {' to '.join(ends)}"
+    if sides[0]:
+        low, high = sorted((abs(low), abs(high)))
+    if number(low, digits=2) == number(high, digits=2):
+        return " ".join(filter(None, [number(high, unit, 2), sides[0], "everywhere"]))
+    return f"from {number(low, digits=2)} to {number(high, unit, 2)} {sides[0]}".rstrip()
+
+
 def readable(value: float, unit: str) -> tuple[float, str]:
     """Readable unit for a value in an SI unit: its factor and name."""
     if unit == "rad":

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dlo_ros.cli.effect_words import bare, clause, label, off_by
+from dlo_ros.cli.effect_words import bare, clause, label, off_by, spread
 from dlo_ros.cli.loads import borne
 from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.effects import quantities
@@ -199,7 +199,7 @@ def _set_up(found: Identification) -> list[str]:
         if index is not None and not q.counts:  # one of several along the DLO
             parameter = f"{effect}.{key}"
             values = [v for n, (v, _) in numbers.items() if split_name(n)[:2] == (effect, key)]
-            span = f"from {number(min(values), digits=2)} to {number(max(values), q.unit, 2)}"
+            span = spread(min(values), max(values), q.unit, q)
             off[parameter] = f"{label(parameter)} {span} along the DLO"
         else:
             words = label(name.removeprefix(EFFECTS_PREFIX), count)

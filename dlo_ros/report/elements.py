@@ -115,10 +115,10 @@ def measured(
         return UNKNOWN
     if std is None or not math.isfinite(std) or std <= 0.0:
         return f"{number(value, unit)} (std unknown)"
-    place = math.floor(math.log10(std)) - 1
+    place = _exponent(std, 2) - 1
     if sparing and std >= 1.95 * 10.0 ** (place + 1):
         place += 1
-    exponent = math.floor(math.log10(abs(value))) if value else 0
+    exponent = math.floor(math.log10(max(abs(value), std)))
     if -3 <= exponent < 5 and place <= 0:
         return f"{_fixed(value, -place)} +- {std:.{-place}f} {unit}".rstrip()
     if -3 <= exponent < 5 and std < 1e5:
@@ -149,5 +149,10 @@ def _fixed(value: float, places: int) -> str:
 def _plain(value: float, digits: int) -> str:
     if value == 0.0:
         return "0"
-    decimals = max(digits - 1 - math.floor(math.log10(abs(value))), 0)
+    decimals = max(digits - 1 - _exponent(value, digits), 0)
     return f"{value:.{decimals}f}"
+
+
+def _exponent(value: float, digits: int) -> int:
+    """Power of ten of a number's first digit, when the number is rounded: 1 of 9.97 to two."""
+    return int(f"{value:.{digits - 1}e}".partition("e")[2])

@@ -100,6 +100,8 @@ def test_several_values_are_told_in_one_phrase():
     )
     one_way = replace(curved, parameters={"curvature": Number((-0.5, -2.1), (0.2, 0.2), "1/m")})
     assert values(one_way, LENGTH) == "curvature from 0.50 to 2.1 1/m counterclockwise, each +- 0.2"
+    alike = replace(curved, parameters={"curvature": Number((-1.498, -1.502), (0.04, 0.04), "1/m")})
+    assert values(alike, LENGTH) == "curvature 1.5 1/m counterclockwise everywhere, each +- 0.04"
     across = replace(one_way, parameters={"across": one_way.parameters["curvature"]})
     assert values(across, LENGTH) == "across from -2.1 to -0.50 1/m, each +- 0.2"
     graded = NamedEffect("stiffness_gradient", {"change": Number(0.866, 0.006, "")}, ())

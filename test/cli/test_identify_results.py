@@ -73,7 +73,10 @@ def test_numbers_along_the_dlo_are_told_in_one_phrase():
     assert "place of a clamp, at the start, x 4.0 +- 1.0 mm to the right; " in told
     assert "at the start, z" not in told
     assert told.count("curvature at rest") == 1
-    assert "curvature at rest from -0.10 to 7.4 1/m along the DLO. " in told
+    assert (
+        "curvature at rest from 0.10 1/m counterclockwise to 7.4 1/m clockwise along the DLO. "
+        in told
+    )
 
 
 def test_recordings_beyond_their_noise_are_told_in_one_sentence():

@@ -285,6 +285,10 @@ def test_plot_limits_ignore_a_band_without_bounds():
         (12.5, 250.0, "10 +- 250 m"),
         (-0.2, 31.0, "0 +- 31 m"),
         (-0.02, 0.31, "-0.02 +- 0.31 m"),
+        (9.65e-4, 1.4143, "0.0 +- 1.4 m"),
+        (5e-7, 1e-4, "(0.0 +- 1.0)e-04 m"),
+        (0.0, 1e-7, "(0.0 +- 1.0)e-07 m"),
+        (0.2, 0.0997, "0.20 +- 0.10 m"),
         (1e6, math.inf, "1.00e+06 m (std unknown)"),
         (1e6, None, "1.00e+06 m (std unknown)"),
         (None, 1.0, "\N{EM DASH}"),
@@ -302,6 +306,16 @@ def test_measured(value, std, text):
 def test_millimetres(value, text):
     assert millimetres(value) == text
     assert number(math.inf, "mm") == "\N{EM DASH}"
+
+
+def test_as_many_digits_as_wanted_where_rounding_makes_a_number_longer():
+    assert [number(v, digits=2) for v in (0.0997, 0.997, 9.97, 99.7)] == [
+        "0.10",
+        "1.0",
+        "10",
+        "100",
+    ]
+    assert number(9.94, digits=2) == "9.9"
 
 
 @pytest.mark.parametrize(
