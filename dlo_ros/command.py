@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dlo_ros.errors import CommandError
 from dlo_ros.interpolation import sample, sample_positions
@@ -27,9 +28,11 @@ CLOSEST = NANOSECONDS // 1000
 """Commands that lie closer [ns] to the one before the last replace the last."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Command:
     """A trajectory of imposed positions and clamp frames.
+
+    Numbers may be given as lists, and as arrays of any type.
 
     Args:
         stamp: start of the trajectory [ns]; 0 must have been replaced by the moment of receipt.
@@ -62,11 +65,15 @@ class Command:
     began: int | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "names", tuple(self.names))
+        for key in _ARRAYS:
+            object.__setattr__(self, key, _numbers(key, getattr(self, key)))
         check_names(self.names, self.control_points)
-        points, count = len(self.times), len(self.names)
+        points, count = self.times.size, len(self.names)
         if points == 0:
             raise CommandError("dlo/command has no points; give at least one")
         shapes = {
+            "times": (self.times.shape, (points,)),
             "transforms": (self.positions.shape, (points, count, 3)),
             "rotations": (self.rotations.shape, (points, count, 4)),
             "velocities": (self.velocities.shape, (points, count, 3)),
@@ -275,7 +282,20 @@ def _jumps(arriving: FloatArray, leaving: FloatArray) -> FloatArray:
     return largest
 
 
+def _numbers(key: str, values: ArrayLike) -> FloatArray:
+    """An array as compiled code takes it: for one of another type or layout it is compiled anew.
+
+    Raises:
+        CommandError: the values are no numbers, or rows of them have different lengths.
+    """
+    try:
+        return np.require(values, np.float64, ("C", "W"))
+    except (TypeError, ValueError) as err:
+        raise CommandError(f"dlo/command has {key} that are no array of numbers") from err
+
+
 _FIELDS = tuple(f.name for f in fields(Command))
+_ARRAYS = ("times", "positions", "rotations", "velocities")
 
 
 @dataclass

@@ -53,7 +53,8 @@ class Observation:
 
     Args:
         stamp: stamp of the image [ns].
-        control_points: x, y, z [m] and theta [rad] of the published basis, shape (n, 4).
+        control_points: x, y, z [m] and theta [rad] of the published basis, shape (n, 4); rows of
+            numbers will do.
         points: the measured points behind the spline, where they are known.
 
     Raises:
@@ -65,10 +66,15 @@ class Observation:
     points: CentrelinePoints | None = None
 
     def __post_init__(self) -> None:
-        shape = self.control_points.shape
+        try:
+            given = np.asarray(self.control_points, dtype=np.float64)
+        except (TypeError, ValueError) as err:
+            raise InputError("an observed spline is no array of numbers, (n, 4)") from err
+        object.__setattr__(self, "control_points", given)
+        shape = given.shape
         if len(shape) != 2 or shape[1] != 4:
             raise InputError(f"an observed spline has shape {shape}; (n, 4) is needed")
-        if not np.all(np.isfinite(self.control_points)):
+        if not np.all(np.isfinite(given)):
             raise InputError("an observed spline holds NaN or infinite control points")
 
 
