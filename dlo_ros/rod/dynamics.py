@@ -22,6 +22,7 @@ from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.compiled_rod import Compiled, compiled
 from dlo_ros.rod.integration import Track, integrate
 from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.motion_validation import in_order
 from dlo_ros.rod.packing import moving_of, state_of, true_command
 from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.sensitivity.sensitivity_state import LINEAR
@@ -64,9 +65,11 @@ def follow(
             motion is interpolated within longer steps.
 
     Raises:
+        InputError: stamps do not grow from the state's on.
         SimulationError: a step does not converge however small it is.
         CommandError: the command gives an end no direction.
     """
+    in_order(state.stamp, stamps)
     true = true_command(model, command)
     flat = in_plane(model, state, true, parameters)
     rod = rod_in_lanes(model, boundary, command, parameters, flat=flat)

@@ -56,7 +56,8 @@ def beginning(
     mode = settings.simulation.start
     needed = 2 if mode == "moving" else 1
     if len(observations) < needed:
-        raise InputError(f"simulation.start '{mode}' needs {needed} observed shapes")
+        shapes = "2 observed shapes" if needed > 1 else "an observed shape"
+        raise InputError(f"simulation.start '{mode}' needs {shapes}")
     n = settings.rod.control_points
     for observation in observations[:needed]:
         if len(observation.control_points) != n:

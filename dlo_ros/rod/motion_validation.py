@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Validation of imposed motion before the rod is simulated: jumps are refused."""
+"""Validation of what is asked of a rod before it is simulated: motion without jumps, in order."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlo_ros.command import END, NANOSECONDS, START, Command
-from dlo_ros.errors import ParameterError, SimulationError
+from dlo_ros.errors import InputError, ParameterError, SimulationError
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.state import State
 from dlo_ros.rod_settings import RodSettings
@@ -116,6 +116,32 @@ def _direction(quaternion: FloatArray) -> FloatArray:
     """The x axis of a clamp."""
     x, y, z, w = quaternion
     return np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
+
+
+def in_order(now: int, stamps: Sequence[int]) -> None:
+    """Check that a rod is led forwards only; the same instant twice in a row will do.
+
+    Args:
+        now: the present instant [ns].
+        stamps: instants that are asked for [ns].
+
+    Raises:
+        InputError: a stamp lies before the present instant, or before the stamp ahead of it.
+    """
+    ways = np.diff(np.asarray(stamps, dtype=np.int64), prepend=now)
+    back = np.flatnonzero(ways < 0)
+    if not len(back):
+        return
+    k = int(back[0])
+    if not k:
+        raise InputError(
+            f"the simulation is at {now / NANOSECONDS:.3f} s and cannot go back to "
+            f"{stamps[0] / NANOSECONDS:.3f} s; reset it"
+        )
+    raise InputError(
+        f"stamps must grow: {stamps[k] / NANOSECONDS:.3f} s comes after "
+        f"{stamps[k - 1] / NANOSECONDS:.3f} s"
+    )
 
 
 def possible(settings: RodSettings) -> None:

@@ -89,7 +89,7 @@ class RodSimulation(Protocol):
         """Simulate to a series of stamps [ns], growing, and return the shape at each.
 
         Raises:
-            InputError: not started, or a stamp lies before the present instant.
+            InputError: not started, or stamps that do not grow from the present instant on.
             SimulationError: the motion cannot be followed; the state stays as it was.
         """
 

@@ -2,9 +2,9 @@
 """Parameters that have sensitivities, and how they are varied.
 
 A parameter is named as in the parameter file: `young_modulus`, `density`, `air_drag`,
-`relaxation_time`, `gravity`, `length`, `twist_rest`; the pose of a clamp, `start.x`, `start.z`,
-`start.angle`, `end.x` ...; and any number of an effect that the settings contain,
-`effects.NAME.KEY` or, where it has several values, `effects.NAME.KEY[i]`.
+`relaxation_time`, `gravity`, `length`; the pose of a clamp, `start.x`, `start.z`, `start.angle`,
+`end.x` ...; and any number of an effect that the settings contain, `effects.NAME.KEY` or, where it
+has several values, `effects.NAME.KEY[i]`.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dlo_ros.command import NANOSECONDS, Command, Motion
+from dlo_ros.command import Command, Motion
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.rod import dynamics, resolution
@@ -23,7 +23,7 @@ from dlo_ros.rod.initial_state import beginning, initial_state
 from dlo_ros.rod.loads.grip_reactions import Loading, dense, loadings, loadings_along
 from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.motion_validation import possible, steady
+from dlo_ros.rod.motion_validation import in_order, possible, steady
 from dlo_ros.rod.packing import insensitive, true_command
 from dlo_ros.rod.parameter_names import acts_on_measurement
 from dlo_ros.rod.planar_model import in_plane
@@ -204,16 +204,12 @@ class Simulation(RodSimulation):
         """Simulate to a series of stamps [ns], growing.
 
         Raises:
-            InputError: not started, or a stamp lies before the present instant.
+            InputError: not started, or stamps that do not grow from the present instant on.
             SimulationError: the motion cannot be followed; the state stays as it was.
         """
         state, model, boundary = self._started(), self.model, self.boundary
-        if stamps and stamps[0] < self.stamp:
-            raise InputError(
-                f"the simulation is at {self.stamp / NANOSECONDS:.3f} s and cannot go back to "
-                f"{stamps[0] / NANOSECONDS:.3f} s; reset it"
-            )
-        stamps = [stamp - self._measurement.later for stamp in stamps]
+        in_order(self.stamp, stamps)
+        stamps = [int(stamp) - self._measurement.later for stamp in stamps]
         predictions: list[Prediction] = []
         wanted = set(stamps)
         course = self._timeline.another()

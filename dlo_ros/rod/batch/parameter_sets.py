@@ -25,6 +25,7 @@ from dlo_ros.rod.boundary import conditions
 from dlo_ros.rod.boundary.imposed_motion import NO_DIRECTION_TEXT, Boundary
 from dlo_ros.rod.elements.rod_tables import DOF
 from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.motion_validation import in_order
 from dlo_ros.rod.packing import true_command
 from dlo_ros.rod.planar_model import expand, in_plane
 from dlo_ros.rod.simd.eight_lanes import LANES, rows
@@ -114,11 +115,12 @@ class ParameterSets:
             speeds: whether the velocities at the stamps are wanted.
 
         Raises:
-            InputError: the states do not fit the sets.
+            InputError: the states do not fit the sets, or stamps do not grow from theirs on.
             CommandError: the command gives an end no direction.
         """
         commanded, command = command, self._true(command)
         self._check_states(states)
+        in_order(states[0].stamp, stamps)
         if flat is None:
             flat = self._in_plane(states, command)
         layout = self.layout(flat=flat)
