@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -53,6 +54,10 @@ class RodModel:
     rest: Callable[[FloatArray], FloatArray] | None = None
     point_forces: tuple[tuple[float, tuple[float, float, float]], ...] = ()
     section: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What it is made from: a copy, and another process, compute the rest anew."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def with_settings(self, settings: RodSettings) -> RodModel:
         """The discretisation with other material, damping, gravity or effects."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +39,11 @@ class CommandTimeline:
     standing_in: dict[int, tuple[Command, Command]] = field(default_factory=dict)
     whole_path: float = 0.0
     began: int | None = None
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Be a deep copy, or another process's: copies of the commands have other identities."""
+        self.__dict__.update(state)
+        self.standing_in = {id(given[0]): given for given in self.standing_in.values()}
 
     def another(self) -> CommandTimeline:
         """A course of the same motion that goes its own way from here."""
