@@ -13,7 +13,7 @@ from dlo_ros.inference.thresholds import BEYOND, CERTAIN
 from dlo_ros.report.diagnosis_content import SetupRow
 
 NOT_DETERMINED = "not determined"
-IF_DENSITY = ", at this density"
+IF_DENSITY = ", at the extended file's density"
 """Condition under which a number is known of which the data determine the ratio to the density."""
 GUESSED = "none"
 """Tolerance of what nobody states beforehand, such as a damping that is only guessed."""

@@ -337,7 +337,7 @@ def test_what_was_fitted_beside_the_set_up_is_told_with_it():
     unknown = lines["internal damping"]
     assert (unknown.off, unknown.tolerance, unknown.notable) == ("not determined", "none", False)
     light = lines["friction with the board"]
-    assert light.off == "0.20 +- 0.02 N/m, at this density" and light.notable
+    assert light.off == "0.20 +- 0.02 N/m, at the extended file's density" and light.notable
     place = lines["stiffer or softer segment, its middle"]
     assert (place.off, place.notable) == ("120 +- 4 mm", False)
     told = tree(made)["setup"]
