@@ -70,6 +70,7 @@ class PlainRod(NamedTuple):
 
 
 Reach = tuple[float, float, float]
+"""Smallest and largest x, smallest z of some points [m]."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +83,8 @@ class Scene:
         held: ends whose position is imposed in some recording.
         curvature: 90th percentile of the largest curvature of each frame [1/m].
         known: dampings of the parameter file (air_drag, relaxation_time) that are no guesses.
-        reach, held_reach: smallest and largest x, smallest z of the shapes, and of the held ends
-            [m]; None: not known, or nothing is held.
+        reach, held_reach: that of the shapes, and of the held ends; None: not known, or nothing is
+            held.
         spatial: whether they leave the board's plane, and what acts across it counts.
         in_hands: whether the clamps are commanded by frames of a robot's hands.
     """
