@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What is imposed and observed may be given as lists and as arrays of any type."""
+"""Commands and observations may be given as lists and as arrays of any type."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ ARRAYS = ("times", "positions", "rotations")
 
 
 def apart(values):
-    """The same numbers, each beside another one in memory."""
+    """An array of the same numbers, each beside another one in memory."""
     wide = np.repeat(values[..., None], 2, axis=-1)
     return wide[..., 0]
 

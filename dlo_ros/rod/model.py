@@ -56,7 +56,7 @@ class RodModel:
     section: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What it is made from: a copy, and another process, compute the rest anew."""
+        """The fields alone: a copy, and another process, compute the rest anew."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def with_settings(self, settings: RodSettings) -> RodModel:

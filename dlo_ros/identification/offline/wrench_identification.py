@@ -150,7 +150,7 @@ def with_scale_of_forces(found: MaterialFit, forces: ForceInformation) -> Materi
 
 
 def _following(found: MaterialFit) -> tuple[FloatArray, FloatArray]:
-    """What the fit's numbers do with ln mu where shapes stay, and their stds at a given mu.
+    """Changes of the fit's numbers with ln mu where shapes stay, and their stds at a given mu.
 
     Returns:
         Change of each of the P parameters for a unit change of ln mu, and standard deviation, both
