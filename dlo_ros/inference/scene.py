@@ -60,7 +60,7 @@ def scene_of(settings: Settings, recordings: Sequence[Recording]) -> Scene:
     held = [
         r.observed[:, 0 if end == START else -1, :3]
         for r in recordings
-        for end in {START, END} - set(free_ends(r.manipulation, n))
+        for end in _imposed(imposed_names([r.manipulation]), n, (0, 1))
     ]
     return replace(view, held_reach=_reach(np.concatenate(held))) if held else view
 
