@@ -151,20 +151,18 @@ coverage: $(COMPILED)
 	$(BIN)/python -m pytest --cov --cov-branch --cov-report=term \
 		--cov-report=html:build/coverage/html --cov-fail-under=90
 
-LINT = $(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
-
 lint: $(INSTALLED)
-	$(LINT)
+	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 
-# First what may run side by side, in WORKERS processes and with lint, which is told of afterwards;
-# then the live nodes, whose deadlines want a machine that does nothing else. Each part also runs
-# where one before has failed.
+# First what may run side by side, in WORKERS processes; then the live nodes, whose deadlines want a
+# machine that does little else, with lint on what they leave of it. Each part also runs where one
+# before has failed.
 test: $(COMPILED)
 	@mkdir -p build; status=0; \
-	{ $(LINT); } > build/lint.log 2>&1 & lint=$$!; \
 	$(PYTEST_PARALLEL) -m "not slow and not browser and not live" || status=1; \
-	wait $$lint || status=1; cat build/lint.log; \
+	nice -n 19 $(MAKE) --no-print-directory lint > build/lint.log 2>&1 & lint=$$!; \
 	$(BIN)/python -m pytest -m "live and not slow and not browser" test/nodes || status=1; \
+	wait $$lint || status=1; cat build/lint.log; \
 	exit $$status
 
 # Every part of the package, without live nodes and long searches.

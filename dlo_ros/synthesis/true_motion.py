@@ -116,6 +116,7 @@ class Grips:
             )
             if second in self._command.names
         }
+        self._frames = {m: k for k, m in enumerate(self._command.names) if m in (START, END)}
         self._pins = [m for m in self._command.names if m not in self._pairs.values()]
         self._nodes: dict[str, int] = {}
         hidden = self._hidden = experiment.hidden
@@ -163,13 +164,14 @@ class Grips:
         stamp = START_STAMP + round((time - self._delay) * NANOSECONDS)
         values, rotations = self._command.sample(stamp)
         at = dict(zip(self._command.names, values, strict=True))
+        turned: dict[str, FloatArray] = {}
+        if not self._frames:
+            return at, turned
         # Matrices, since SciPy's rotations take ten times as long for one at a time.
-        hands = Rotation.from_quat(rotations).as_matrix()
-        turned = {}
-        for name, hand in zip(self._command.names, hands, strict=True):
-            if name in (START, END):
-                at[name] = at[name] + self._hidden.in_hand("grip_offset", name, hand)
-                turned[name] = self._turned[name] @ hand @ self._tilted[name]
+        hands = Rotation.from_quat(rotations[list(self._frames.values())]).as_matrix()
+        for name, hand in zip(self._frames, hands, strict=True):
+            at[name] = at[name] + self._hidden.in_hand("grip_offset", name, hand)
+            turned[name] = self._turned[name] @ hand @ self._tilted[name]
         return at, turned
 
     def _directions(

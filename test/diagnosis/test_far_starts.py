@@ -130,6 +130,7 @@ def test_nothing_takes_the_place_of_a_mass_beside_which_a_plug_is_known():
     assert in_its_place((SimpleNamespace(model=both), proposals[0]), (), heavy) == []
 
 
+@pytest.mark.slow
 def test_a_fit_with_correlated_errors_does_not_leave_the_shapes(turning):
     """From the set-up's fit as if errors were white, whose residual no value of it explains."""
     white = fit(turning.setup, turning.recordings, 12, loss=WHITE)

@@ -55,6 +55,7 @@ def test_creep_is_found_where_the_fit_had_taken_it_for_damping(creeping):
     assert bare.posterior.evidence == pytest.approx(found.setup.posterior.evidence, abs=3.0)
 
 
+@pytest.mark.slow
 def test_no_creep_is_fitted_where_the_model_has_one_or_the_damping_is_as_guessed(creeping):
     found, _ = creeping
     begun = [s for s in starts(found.scene) if s.effect == "viscoelasticity"]

@@ -50,6 +50,7 @@ def test_the_last_fit_begins_where_more_is_explained(
     assert refitted(lost, (object(),), lost) is lost
 
 
+@pytest.mark.slow
 def test_drafts_are_reliable_for_the_fitted_set_up():
     """The plain model stood for a turned clamp with six times the damping: beside it a draft that
     was right for that erred by 0.7 of the noise, and 120 of log evidence were lost.

@@ -202,6 +202,7 @@ def slowed():
     return at, at.model.index("effects.quadratic_drag.coefficient")
 
 
+@pytest.mark.slow
 def test_at_another_scale_of_forces_each_is_known_as_well_as_before(slowed):
     """A linear number goes with that scale, and so do its std and the derivatives by it."""
     at, k = slowed

@@ -40,6 +40,7 @@ def fitted_with(prepared, start):
     return Search(fitted(model, prepared.recordings), (segment,), (), None)
 
 
+@pytest.mark.slow
 def test_a_soft_segment_elsewhere_becomes_the_stiff_one_and_stays(prepared, places):
     soft = replace(places[2], block={**places[2].block, "ratio": 0.4})
     wrong = fitted_with(prepared, soft)

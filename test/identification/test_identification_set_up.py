@@ -55,6 +55,7 @@ def guess():
     return PAPER.with_material(2e7, 2000.0)
 
 
+@pytest.mark.slow
 def test_a_clamp_that_is_off_leads_a_fit_into_no_wrong_valley():
     """With 23 % of E/mu and five times the ERR a first fit ends there."""
     drawn = condition(7833, "clamp")

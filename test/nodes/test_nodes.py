@@ -72,7 +72,7 @@ def playing(tmp_path_factory: pytest.TempPathFactory, bag: Path):
             # Deep: on a busy machine this process may not be running for a second.
             client.hear(topic, LATCHED if topic in topics.LATCHED else 1000)
         # Slowly, so that a busy machine has its estimate before the end.
-        player = system.start("play", str(bag), "--rate", "0.25")
+        player = system.start("play", str(bag), "--rate", "0.5")
         client.until(lambda: not player.alive, 120.0, "end of playback")
         assert player.wait() == 0, player.said
         err = client.hear(topics.ERR)

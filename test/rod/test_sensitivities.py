@@ -302,10 +302,11 @@ def check(settings, imposed, name, slack, space, first=None, wide=30.0):
         pair = [run(*side, first=first)[0] for side in sides]
         return (pair[0] - pair[1]) / (2.0 * change)
 
-    expected = difference(STEP * chosen.natural)
     if slack < KINKED:
         expected = difference(wide * chosen.step), difference(2.0 * wide * chosen.step)
         expected = (4.0 * expected[0] - expected[1]) / 3.0
+    else:
+        expected = difference(STEP * chosen.natural)
     for k, instant in enumerate(("at rest", "moving", "at the end")):
         if ("obstacle" in name or "wall" in name) and (k > 0 or space):
             continue  # in motion it knocks, and in space it slides off

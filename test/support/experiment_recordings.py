@@ -1,6 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Recordings of simulated experiments, without a bag."""
 
+import json
+from functools import cache
+
 import numpy as np
 import yaml
 
@@ -13,11 +16,17 @@ from dlo_ros.synthesis.synthesize import measure
 from dlo_ros.synthesis.true_motion import build_simulation, simulate
 
 
+@cache
+def true_motion(tree, name, step):
+    """An experiment of a tree as JSON, and its motion, which does not depend on a seed."""
+    experiment = read_experiment(json.loads(tree), name, "test")
+    simulation, _ = build_simulation(experiment, step=step)
+    return experiment, simulate(simulation, experiment.stamps, experiment.truth.rod.length)
+
+
 def recorded(tree, seed, name="recording", step=5e-4):
     """A recording of an experiment's tree, its guess, and its truth."""
-    experiment = read_experiment(tree, name, "test")
-    simulation, _ = build_simulation(experiment, step=step)
-    truth = simulate(simulation, experiment.stamps, experiment.truth.rod.length)
+    experiment, truth = true_motion(json.dumps(tree), name, step)
     observations = []
     for i, points, shape in measure(experiment, truth, range(len(truth.stamps)), seed):
         q = np.column_stack([shape, np.zeros(len(shape))])
@@ -42,6 +51,7 @@ def true_modulus(name):
     ).truth.rod.specific_modulus
 
 
+@cache
 def fitted_set_up():
     """A set-up fitted to a recording whose clamp is turned, and that recording."""
     recording, given = moving("simple", {"clamp_angle": {"start": 0.02}}, 12)

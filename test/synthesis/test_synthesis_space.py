@@ -78,7 +78,7 @@ def without(name):
     return motion(dict([WAVE, CLOSE])[name], {}, space=False)
 
 
-ORDINARY = ["nothing", "wall", "clamp_slip", "nonlinear_stiffness, free"]
+ORDINARY = ["wall", "clamp_slip", "nonlinear_stiffness, free"]
 
 
 @pytest.mark.long
