@@ -24,7 +24,7 @@ from ordinary import some_of
 from dlo_ros.errors import InputError, VisionError
 from dlo_ros.vision.calibration.camera_calibration import calibrate, check_camera
 from dlo_ros.vision.calibration.camera_file import camera_file, read_camera_file
-from dlo_ros.vision.calibration.camera_fit import LENSES, Intrinsics, fit_camera, locate
+from dlo_ros.vision.calibration.camera_fit import LENSES, Intrinsics, fit_camera, fit_lenses, locate
 from dlo_ros.vision.calibration.pattern_search import PatternView, board_size, find_pattern
 from dlo_ros.vision.calibration.patterns import Charuco, Pattern, parse_pattern
 from dlo_ros.vision.calibration.print_pattern import INCH, RESOLUTION, print_pattern
@@ -152,6 +152,14 @@ def test_the_lens_model_is_no_larger_than_needed(lens):
     assert found.lens is not None and found.lens.name == lens
     assert len(found.used) == 18
     assert found.intrinsics.matrix == pytest.approx(MATRIX, rel=2e-3, abs=1e-9)
+
+
+def test_a_lens_too_simple_does_not_mislead_the_next_ones():
+    views = true_views(6, 0.03, 3)
+    plain, *others = fit_lenses(views[:1] + views[2:], BOARD, TRUE)
+    assert plain is not None and not 0.0 < plain.intrinsics.matrix[0, 2] < SIZE[0]
+    for fit in others:
+        assert fit is not None and fit.intrinsics.matrix == pytest.approx(MATRIX, rel=0.05)
 
 
 @pytest.mark.slow

@@ -211,17 +211,25 @@ def fit_lenses(
     """Fit the camera with each of `LENSES` up to the last; None where the views leave it open.
 
     Each starts from the one before it, so that the guess, which may rest on other views, is
-    forgotten: the many coefficients of the last ones do not move far from where they start.
+    forgotten: the many coefficients of the last ones do not move far from where they start. Where
+    a simpler lens has led too far away for that, it starts from homographies.
     """
     fits: list[CameraFit | None] = []
     for lens in LENSES[: LENSES.index(last) + 1]:
-        try:
-            fits.append(fit_camera(views, pattern, lens, guess))
-        except VisionError:
-            fits.append(None)
-            continue
-        guess = fits[-1].intrinsics if fits[-1] is not None else guess
+        fit = _fit_or_none(views, pattern, lens, guess) or _fit_or_none(views, pattern, lens, None)
+        fits.append(fit)
+        guess = guess if fit is None else fit.intrinsics
     return tuple(fits)
+
+
+def _fit_or_none(
+    views: Sequence[PatternView], pattern: Pattern, lens: Lens, guess: Intrinsics | None
+) -> CameraFit | None:
+    """The camera with a lens, from a guess or from homographies; None where nothing is found."""
+    try:
+        return fit_camera(views, pattern, lens, guess)
+    except VisionError:
+        return None
 
 
 def locate(view: PatternView, pattern: Pattern, intrinsics: Intrinsics) -> PatternPose:
