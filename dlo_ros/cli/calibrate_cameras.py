@@ -7,7 +7,7 @@ import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from dlo_ros.errors import DloError, InputError
+from dlo_ros.errors import InputError, VisionError
 from dlo_ros.files import write_text
 from dlo_ros.parameter_cameras import flat_cameras
 from dlo_ros.parameter_text import parameter_lines
@@ -86,12 +86,12 @@ def calibrate_together(
             if not path.is_file():
                 continue
             try:
-                views[name] = find_pattern(read_picture(path), pattern, str(path))
+                views[name] = _view(path, pattern)
                 seen[name].append(picture)
-            except DloError as err:
+            except InputError as err:
                 if picture == board.name:
-                    raise InputError(f"{path}: {err}") from err
-                LOG.warning("%s: %s", path, err)
+                    raise
+                LOG.warning("%s", err)
         if picture == board.name:
             lying = len(instants)
         if len(views) > 1 or picture == board.name:
@@ -99,6 +99,19 @@ def calibrate_together(
     for name in others:
         _check_common(first, name, seen, folder_of)
     return calibrate_cameras(instants, lying, intrinsics, pattern, pattern_at, up)
+
+
+def _view(path: Path, pattern: Pattern) -> PatternView:
+    """The pattern in a picture.
+
+    Raises:
+        InputError: it is no picture, or does not show the pattern; with its path.
+    """
+    image = read_picture(path)
+    try:
+        return find_pattern(image, pattern, str(path))
+    except VisionError as err:
+        raise InputError(f"{path}: {err}") from err
 
 
 def _pictures(folder: Path) -> set[str]:

@@ -159,6 +159,9 @@ def test_what_the_tool_refuses(tmp_path, capsys):
     ):  # fmt: skip
         assert main([*call, *words]) == 2
         assert message in capsys.readouterr().err
+    (tmp_path / "l" / "b.png").write_text("no picture")
+    assert main([*call, *words]) == 2
+    assert capsys.readouterr().err.count(str(tmp_path / "l" / "b.png")) == 1
 
 
 def pictures(folder, count, side="left"):
