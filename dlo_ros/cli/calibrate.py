@@ -27,6 +27,7 @@ from dlo_ros.vision.calibration.pattern_search import find_pattern
 from dlo_ros.vision.calibration.patterns import SYNTAX, Pattern, parse_pattern
 from dlo_ros.vision.calibration.print_pattern import print_pattern
 from dlo_ros.vision.calibration.view_collection import Skipped, ViewCollector
+from dlo_ros.vision.calibration.view_coverage import LEAST_VIEWS
 
 LOG = logging.getLogger(__name__)
 
@@ -194,7 +195,7 @@ def _calibration(
             for picture in pictures(path, camera, LOG.warning, lambda: bar.advance(task)):
                 if collector.offer(picture.name, picture.image, picture.moving):
                     bar.update(task, hint=_still_missing(collector))
-        views = collector.views()
+        views = collector.views(LEAST_VIEWS if given is None else 1)
 
         def progress(text: str, share: float) -> None:
             bar.update(

@@ -275,6 +275,12 @@ def test_a_given_camera_is_checked_and_kept(capsys, tmp_path, views, true_camera
     assert camera.distortion == pytest.approx(DISTORTION)
 
 
+def test_one_view_checks_a_given_camera(capsys, tmp_path, views, true_camera):
+    words = ("--pattern", PATTERN, "--output", tmp_path, "--camera-info", true_camera)
+    status, out, _ = run(capsys, *words, views / "view00.png")
+    assert status == 0 and "px over 1 of 1 views" in out
+
+
 @pytest.mark.slow
 def test_hints_name_missing_views(capsys, tmp_path, views):
     files = sorted(views.glob("*.png"))[:9]

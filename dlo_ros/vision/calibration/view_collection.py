@@ -76,8 +76,11 @@ class ViewCollector:
         self.coverage.add(view)
         return True
 
-    def views(self) -> list[PatternView]:
+    def views(self, least: int = LEAST_VIEWS) -> list[PatternView]:
         """The collected views; where there are very many, those that differ most.
+
+        Args:
+            least: number of views that are needed.
 
         Raises:
             InputError: no picture, or too few, show the pattern.
@@ -85,10 +88,10 @@ class ViewCollector:
         total = len(self._views) + len(self.skipped)
         if not self._views:
             raise InputError(f"{self.pattern.kind}: in none of {total} images{self._why()}")
-        if len(self._views) < LEAST_VIEWS:
+        if len(self._views) < least:
             raise InputError(
                 f"{len(self._views)} of {total} images show the pattern as a view of its own; at "
-                f"least {LEAST_VIEWS} are needed: take {LEAST_VIEWS - len(self._views)} more, each "
+                f"least {least} are needed: take {least - len(self._views)} more, each "
                 f"from another direction{self._why()}"
             )
         return [self._views[k] for k in self._most_different()]
