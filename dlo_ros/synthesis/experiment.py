@@ -242,6 +242,11 @@ def _cameras(top: ExperimentBlock) -> dict[str, tuple[SimulatedCamera, CameraPos
         camera = replace(SimulatedCamera.read(block), rate=rate)
         block.finish()
         result[name] = camera, CameraPose(translation=(x, y, z), rotation=(qx, qy, qz, qw))
+    if len(result) == 1:
+        raise InputError(
+            f"{section.where}: has '{name}' alone; give two or more, or leave it out and give the "
+            "one as `camera`, its pose in `camera` of parameters"
+        )
     return result
 
 

@@ -258,13 +258,15 @@ def test_depth_is_written_beside_the_picture(tmp_path):
     (image,) = found["/depth/image_raw"]
     assert image.encoding == "16UC1" and (image.height, image.width) == (1080, 1920)
     assert len(found["/image_raw/compressed"]) == len(found["/depth/camera_info"]) == 1
+    view = {"translation": [0, 0, 1], "rotation": [0, 0, 0, 1]}
     with pytest.raises(InputError, match="leave cameras or depth out"):
-        read_experiment(tree_ | {"cameras": {"one": {"translation": [0, 0, 1],
-                        "rotation": [0, 0, 0, 1]}}}, "d", "d.yaml")  # fmt: skip
+        read_experiment(tree_ | {"cameras": {"left": view, "right": view}}, "d", "d.yaml")
 
 
 @pytest.mark.parametrize(("change", "message"), [
     ({"cameras": {"left/1": {}}}, "'left/1' is no name for a topic"),
+    ({"cameras": {"left": {"translation": [0, 0, 1], "rotation": [0, 0, 0, 1]}}},
+     "has 'left' alone; give two or more"),
     ({"cameras": {"left": {"rotation": [0, 0, 0, 1]}}}, "'translation' is missing"),
     ({"cameras": {"left": {"translation": [0, 0, 1], "rotation": [0, 0, 0, 2]}}}, "allowed is -1"),
     ({"cameras": {"left": {"translation": [0, 0, 1], "rotation": [0, 0, 0, 0.5]}}}, "no unit"),
