@@ -46,16 +46,20 @@ def rows_of(path: Path, needed: Sequence[str]) -> list[Row]:
     """The lines of a CSV file by the names in its first line.
 
     Raises:
-        InputError: it cannot be read, has no line, or lacks a column.
+        InputError: it cannot be read, has no line, lacks a column or has one twice.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file, restval="", skipinitialspace=True)
+            head = [name for name in reader.fieldnames or () if name]
+            twice = next((name for name in head if head.count(name) > 1), None)
+            if twice is not None:
+                raise InputError(f"{path}: its first line names the column '{twice}' twice")
             missing = [name for name in needed if name not in (reader.fieldnames or ())]
             if missing:
                 raise InputError(
                     f"{path}: its first line has no {', '.join(missing)}; it must name "
-                    f"{', '.join(needed)}"
+                    f"{', '.join(needed)}, with commas between them"
                 )
             rows = [
                 Row(f"line {reader.line_num}", {str(k): v for k, v in row.items() if k is not None})

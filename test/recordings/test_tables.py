@@ -90,6 +90,30 @@ def test_dates_in_seconds_are_read_to_the_nanosecond(params, tmp_path):
     assert all(o.points is not None for o in found.observations)  # those have the same stamps
 
 
+@pytest.mark.parametrize(
+    ("head", "line", "said"),
+    [
+        ("time_s,x,y,z,x,y,z", "0,0,0,0,1,0,0", "its first line names the column 'x' twice"),
+        ("time_s;name;x;y;z", "0;start;0;0;0", "with commas between them"),
+    ],
+)
+def test_columns_that_cannot_be_told_apart_are_refused(params, tmp_path, capsys, head, line, said):
+    """Two markers side by side: of columns with one name the last one would count."""
+    (tmp_path / "table.csv").write_text(f"{head}\n{line}\n")
+    kind = "points" if "," in head else "csv"
+    call = ["import", "--format", kind, "--params", params, "--output", str(tmp_path / "bag")]
+    assert main([*call, str(tmp_path / "table.csv")]) == 2
+    error = capsys.readouterr().err
+    assert "table.csv: its first line" in error and said in error
+
+
+def test_columns_without_a_name_are_no_column_twice(params, tmp_path):
+    """As spreadsheets leave them at the end of each line."""
+    (tmp_path / "table.csv").write_text("time_s,x,y,z,,\n0,0,0,0,,\n")
+    call = ["import", "--format", "points", "--params", params, "--output", str(tmp_path / "bag")]
+    assert main([*call, str(tmp_path / "table.csv")]) == 0
+
+
 def test_episodes_lie_in_folders_of_as_many_as_the_data_set_says(params, tmp_path, capsys):
     data = tmp_path / "set"
     pattern = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
