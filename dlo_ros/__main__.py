@@ -30,6 +30,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     is_node = bool(words) and words[0] in NODES
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by whoever started the process
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
 
     def leave(number: int, frame: FrameType | None) -> None:
         os._exit(EXIT_DONE if is_node else EXIT_INTERRUPTED)

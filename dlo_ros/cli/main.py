@@ -163,10 +163,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         status = _choose(words)
         sys.stdout.flush()
         return status
-    except BrokenPipeError:
-        # The reader of a pipe (`| head`) has left; Python must not complain at exit either.
+    except OSError as err:
+        # Python must not complain at exit either.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_DONE
+        if isinstance(err, BrokenPipeError):  # the reader of a pipe (`| head`) has left
+            return EXIT_DONE
+        text = f"its output cannot be written ({err.strerror})"
+        return _complain(" ".join(words[:1]), text, EXIT_UNUSABLE)
 
 
 def _choose(words: list[str]) -> int:

@@ -4,6 +4,7 @@
 import importlib.util
 import logging
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -237,6 +238,25 @@ def test_a_closed_pipe_is_no_error(words):
     done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, env=environment)
     os.close(write)
     assert done.returncode == 0 and done.stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("to", "status", "said"),
+    [
+        (">&-", 0, ""),
+        (">/dev/full", 2, "dlo_ros --version: its output cannot be written (No space left"),
+        (">&- 2>&-", 0, ""),
+    ],
+)
+def test_an_output_that_takes_nothing_ends_in_no_traceback(to, status, said):
+    """A closed output is not wanted; a full disk is told."""
+    line = f"{shlex.quote(sys.executable)} -m dlo_ros --version {to}"
+    done = subprocess.run(
+        line, shell=True, capture_output=True, text=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode == status and done.stderr.startswith(said)
+    assert done.stderr.count("\n") == (status != 0)
 
 
 def test_wrappers_are_those_of_the_table():
