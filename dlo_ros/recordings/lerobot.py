@@ -137,7 +137,7 @@ def read_lerobot(
     except Exception as err:  # whatever pyarrow finds wrong with it
         raise InputError(f"{path}: is no Parquet file that can be read ({err})") from err
     names = {
-        column: list(feature["names"])
+        column: [str(name) for name in feature["names"]]
         for column, feature in info["features"].items()
         if isinstance(feature, dict) and isinstance(feature.get("names"), list)
     }

@@ -128,3 +128,17 @@ def test_episodes_lie_in_folders_of_as_many_as_the_data_set_says(params, tmp_pat
     assert "is missing" not in capsys.readouterr().err  # found, though it is no Parquet file
     assert main([*call, "--episode", "4", str(data)]) == 2
     assert "chunk-002/episode_000004.parquet: is missing" in capsys.readouterr().err
+
+
+def test_names_of_another_data_set_may_be_numbers(params, tmp_path, capsys):
+    pytest.importorskip("pyarrow")
+    write_bag(tmp_path / "bag", SETTINGS, *recording())
+    call = ["export", "--params", params, "--recording", str(tmp_path / "bag")]
+    assert main([*call, "--format", "parquet", "--output", str(tmp_path / "set")]) == 0
+    info = tmp_path / "set" / "meta" / "info.json"
+    tree = json.loads(info.read_text())
+    tree["features"]["action"]["names"] = list(range(7))
+    info.write_text(json.dumps(tree))
+    call = ["import", "--format", "parquet", "--params", params, "--output", str(tmp_path / "back")]
+    assert main([*call, str(tmp_path / "set")]) == 2
+    assert "no column has names such as start.x ... start.qw" in capsys.readouterr().err
