@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -61,9 +63,27 @@ def read_point_tables(
         named = ", ".join(map(str, inputs))
         raise InputError(f"{named}: no file has points; columns {TIME}, {', '.join(PLACE)}")
     commands.sort(key=lambda c: c.stamp)
-    lists.sort(key=lambda points: points.stamp)
-    check_clocks(inputs, commands, [points.stamp for points in lists])
-    return tuple(commands), tuple(lists)
+    lists.sort(key=_form)
+    joined = tuple(_joined(list(parts)) for _, parts in groupby(lists, key=_form))
+    check_clocks(inputs, commands, [points.stamp for points in joined])
+    return tuple(commands), joined
+
+
+def _form(points: PointList) -> tuple[int, bool, bool]:
+    """The instant of a list and what it states: lists that have both in common are one."""
+    return points.stamp, points.u is None, points.std is None
+
+
+def _joined(parts: Sequence[PointList]) -> PointList:
+    """Lists of one form from several files as one."""
+    u = [p.u for p in parts if p.u is not None]
+    std = [p.std for p in parts if p.std is not None]
+    return replace(
+        parts[0],
+        positions=np.concatenate([p.positions for p in parts]),
+        u=np.concatenate(u) if u else None,
+        std=np.concatenate(std) if std else None,
+    )
 
 
 def parquet_rows(path: Path) -> list[Row]:

@@ -18,6 +18,7 @@ from dlo_ros.recordings.message_building import (
     command_message,
     observation_messages,
 )
+from dlo_ros.recordings.point_tables import read_point_tables
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.recordings.tables import write_bag
 from dlo_ros.recordings.write import BagWriter
@@ -112,6 +113,22 @@ def test_columns_without_a_name_are_no_column_twice(params, tmp_path):
     (tmp_path / "table.csv").write_text("time_s,x,y,z,,\n0,0,0,0,,\n")
     call = ["import", "--format", "points", "--params", params, "--output", str(tmp_path / "bag")]
     assert main([*call, str(tmp_path / "table.csv")]) == 0
+
+
+def test_points_of_one_instant_in_several_files_are_one_list(tmp_path):
+    """As of a tracker that writes a file for each marker; one that states u is another list."""
+    for name, text in (
+        ("a.csv", "time_s,x,y,z\n0,0,0,0\n1,0,0,0\n"),
+        ("b.csv", "time_s,x,y,z\n0,1,0,0\n1,1,0,0\n"),
+        ("c.csv", "time_s,x,y,z,u\n1,2,0,0,0.1\n"),
+    ):
+        (tmp_path / name).write_text(text)
+    found = read_point_tables([tmp_path / name for name in ("a.csv", "b.csv", "c.csv")], SETTINGS)[
+        1
+    ]
+    assert [(p.positions[:, 0].tolist(), p.u is None) for p in found] == [
+        ([0.0, 1.0], True), ([2.0], False), ([0.0, 1.0], True),
+    ]  # fmt: skip
 
 
 def test_episodes_lie_in_folders_of_as_many_as_the_data_set_says(params, tmp_path, capsys):
