@@ -85,7 +85,11 @@ def read_csv(
         if "name" in columns:
             commands += read_commands(path, settings)
         elif set(POINT) <= columns:
-            points.update(_points(path, settings.rod.length))
+            found = _points(path, settings.rod.length)
+            both = len(points.keys() & found.keys())
+            points = found | points
+            if both:
+                LOG.warning("%s: points at %d stamps are left out that others have", path, both)
         elif not set(WRENCH) <= columns:  # see `wrench_table`
             shapes = _observations(path, settings)
             before = len(observations)

@@ -20,7 +20,7 @@ from dlo_ros.recordings.message_building import (
 )
 from dlo_ros.recordings.point_tables import read_point_tables
 from dlo_ros.recordings.read import read_recording
-from dlo_ros.recordings.tables import write_bag
+from dlo_ros.recordings.tables import read_csv, write_bag
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import SplineBasis
 
@@ -129,6 +129,18 @@ def test_points_of_one_instant_in_several_files_are_one_list(tmp_path):
     assert [(p.positions[:, 0].tolist(), p.u is None) for p in found] == [
         ([0.0, 1.0], True), ([2.0], False), ([0.0, 1.0], True),
     ]  # fmt: skip
+
+
+def test_points_of_a_second_file_that_are_left_out_are_told(params, tmp_path, caplog):
+    write_bag(tmp_path / "bag", SETTINGS, *recording())
+    call = ["export", "--params", params, "--recording", str(tmp_path / "bag"), "--format", "csv"]
+    assert main([*call, "--output", str(tmp_path / "tables")]) == 0
+    first = tmp_path / "tables" / "points.csv"
+    second = tmp_path / "second.csv"
+    second.write_text("".join(first.read_text().splitlines(keepends=True)[:2]))
+    seen = read_csv([tmp_path / "tables", second], SETTINGS)[1]
+    assert [len(o.points.u) for o in seen] == [30] * 5
+    assert "second.csv: points at 1 stamps are left out that others have" in caplog.text
 
 
 def test_episodes_lie_in_folders_of_as_many_as_the_data_set_says(params, tmp_path, capsys):
