@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from dlo_ros.observation import Wrenches
 from dlo_ros.recordings.table_rows import STAMP, measured, rows_of
 from dlo_ros.recordings.tables import WRENCH, WRENCH_FILE, files
 from dlo_ros.recordings.tables import write_table as write
+
+LOG = logging.getLogger(__name__)
 
 
 def read_wrench_tables(inputs: Sequence[Path]) -> tuple[Wrenches, ...]:
@@ -34,7 +37,13 @@ def read_wrench_tables(inputs: Sequence[Path]) -> tuple[Wrenches, ...]:
                 )
         for end in dict.fromkeys(line["end"] for line in lines):
             at, values = measured(path, [r for r in lines if r["end"] == end], WRENCH[1:])
-            rows.setdefault(end, {}).update(zip(at.tolist(), values, strict=True))
+            own = rows.setdefault(end, {})
+            before = len(own)
+            for stamp, value in zip(at.tolist(), values, strict=True):
+                own.setdefault(stamp, value)
+            twice = before + len(at) - len(own)
+            if twice:
+                LOG.warning("%s: %d forces are left out that have a stamp of others", path, twice)
     result = []
     for end, own in rows.items():
         at = np.array(sorted(own), dtype=np.int64)

@@ -21,6 +21,7 @@ from dlo_ros.recordings.message_building import (
 from dlo_ros.recordings.point_tables import read_point_tables
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.recordings.tables import read_csv, write_bag
+from dlo_ros.recordings.wrench_table import read_wrench_tables
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import SplineBasis
 
@@ -141,6 +142,15 @@ def test_points_of_a_second_file_that_are_left_out_are_told(params, tmp_path, ca
     seen = read_csv([tmp_path / "tables", second], SETTINGS)[1]
     assert [len(o.points.u) for o in seen] == [30] * 5
     assert "second.csv: points at 1 stamps are left out that others have" in caplog.text
+
+
+def test_forces_of_one_stamp_are_told(tmp_path, caplog):
+    table = tmp_path / "wrench.csv"
+    lines = ["end,time_s,fx,fy,fz,tx,ty,tz", "start,0,1,0,0,0,0,0", "start,0,9,0,0,0,0,0"]
+    table.write_text("\n".join([*lines, "end,0,2,0,0,0,0,0"]) + "\n")
+    found = read_wrench_tables([table])
+    assert [(w.end, w.force[:, 0].tolist()) for w in found] == [("start", [1.0]), ("end", [2.0])]
+    assert "wrench.csv: 1 forces are left out that have a stamp of others" in caplog.text
 
 
 def test_episodes_lie_in_folders_of_as_many_as_the_data_set_says(params, tmp_path, capsys):
