@@ -54,7 +54,10 @@ def rows_of(path: Path, needed: Sequence[str]) -> list[Row]:
             head = [name for name in reader.fieldnames or () if name]
             twice = next((name for name in head if head.count(name) > 1), None)
             if twice is not None:
-                raise InputError(f"{path}: its first line names the column '{twice}' twice")
+                raise InputError(
+                    f"{path}: its first line names the column '{twice}' twice; each needs a name "
+                    "of its own"
+                )
             missing = [name for name in needed if name not in (reader.fieldnames or ())]
             if missing:
                 raise InputError(

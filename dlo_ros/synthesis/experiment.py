@@ -232,6 +232,8 @@ def _cameras(top: ExperimentBlock) -> dict[str, tuple[SimulatedCamera, CameraPos
         if not name.isidentifier():
             raise InputError(f"{section.where}: '{name}' is no name for a topic; use letters, _")
         block = section.block(name)
+        if "rate" in block:
+            raise InputError(f"{block.where}: all have one rate; give it in `camera`")
         for key in ("translation", "rotation"):
             block.required(key, "the pose of the board in the camera, as in `camera` of parameters")
         x, y, z = block.numbers("translation", (0.0, 0.0, 0.0), -REACH, REACH)

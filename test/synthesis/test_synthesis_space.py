@@ -267,6 +267,7 @@ def test_depth_is_written_beside_the_picture(tmp_path):
     ({"cameras": {"left/1": {}}}, "'left/1' is no name for a topic"),
     ({"cameras": {"left": {"translation": [0, 0, 1], "rotation": [0, 0, 0, 1]}}},
      "has 'left' alone; give two or more"),
+    ({"cameras": {"left": {"rate": 15.0}}}, "left: all have one rate; give it in `camera`"),
     ({"cameras": {"left": {"rotation": [0, 0, 0, 1]}}}, "'translation' is missing"),
     ({"cameras": {"left": {"translation": [0, 0, 1], "rotation": [0, 0, 0, 2]}}}, "allowed is -1"),
     ({"cameras": {"left": {"translation": [0, 0, 1], "rotation": [0, 0, 0, 0.5]}}}, "no unit"),
