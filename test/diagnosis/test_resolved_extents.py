@@ -30,5 +30,12 @@ class Simulated:
 def test_spans_resolve_the_shortest_extent(effects, expected):
     settings = PAPER.with_effects(effects)
     assert settings.rod.length == 0.4
-    found = with_resolved_extents([Simulated(s) for s in (7, 28, None)], settings)
+    found = with_resolved_extents([Simulated(s) for s in (7, 28, None)], settings, effects)
     assert [r.spans for r in found] == expected
+
+
+def test_what_is_not_told_needs_no_more_spans():
+    both = {"connector": {"mass": 0.1, "extent": 0.01}, "stiff_segment": {"extent": 0.1}}
+    settings = PAPER.with_effects(both)
+    (found,) = with_resolved_extents([Simulated(7)], settings, {"stiff_segment"})
+    assert found.spans == 16

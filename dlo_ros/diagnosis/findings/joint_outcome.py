@@ -169,7 +169,8 @@ def _final(
         SimulationError: a recording cannot be simulated with either.
     """
     found = learned.explanation
-    recordings = with_resolved_extents(recordings, found.at.model.settings)
+    told = {c.effect for c in found.causes}
+    recordings = with_resolved_extents(recordings, found.at.model.settings, told)
     at = _completed(found.at, recordings, known, learned.predicting)
     compared = recordings
     if len(at.err) == len(recordings):

@@ -8,7 +8,7 @@ and what is fitted as its extent and ratio then does not hold in a simulation wi
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from dlo_ros.effects import quantities
@@ -21,18 +21,20 @@ RESOLVED = 4
 
 
 def with_resolved_extents(
-    recordings: Sequence[Recording], settings: Settings
+    recordings: Sequence[Recording], settings: Settings, told: Collection[str]
 ) -> Sequence[Recording]:
-    """The recordings with enough knot spans for the effects of a model.
+    """The recordings with enough knot spans for those effects of a model whose numbers are told.
 
     What stands at a point of the board, such as a peg, has no extent along the DLO.
 
     Args:
         settings: settings of the model.
+        told: names of the effects.
     """
     extents = [
         value_of(settings, f"effects.{effect}.{q.name}")
         for effect, block in settings.effects.items()
+        if effect in told
         if not any(q.role == "point" for q in quantities(effect).values())
         for q in quantities(effect).values()
         if q.role == "extent" and q.unit == "m" and q.name in block
