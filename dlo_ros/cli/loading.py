@@ -17,6 +17,7 @@ from rich.progress import track
 
 from dlo_ros.cli.clock_check import tell_delay, tell_delay_of_images
 from dlo_ros.cli.control_points import with_control_points
+from dlo_ros.cli.early_twist import tell_early_twist
 from dlo_ros.cli.observe import observe_recording, uncommanded_shapes
 from dlo_ros.cli.observe_points import ObservedPoints, observe_points, observes_points
 from dlo_ros.cli.observe_space import ObservedFrame
@@ -224,6 +225,7 @@ def load_manipulation(path: Path, settings: Settings) -> Manipulation:
         _tell_gaps(result, gaps)
         result = with_lost_time(result, gaps)
     tell_delay(result, settings)
+    tell_early_twist(result)
     return result
 
 
