@@ -5,6 +5,7 @@ import ast
 
 import pytest
 from conftest import ROOT
+from parsed_sources import parsed
 
 PACKAGE = ROOT / "dlo_ros"
 ROS = ("rclpy", "std_srvs", "rcl_interfaces", "builtin_interfaces", "ament_index_python")
@@ -121,7 +122,7 @@ def unit(path):
 
 def imported(path):
     """Full names of all modules that a file imports, wherever in it."""
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import pytest
 from conftest import ROOT
+from parsed_sources import parsed
 
 from dlo_ros.inference import thresholds
 
@@ -87,14 +88,13 @@ def origins(stem, tree):
         if isinstance(node, ast.ImportFrom) and node.module != TABLE:
             path = ROOT / f"{node.module.replace('.', '/')}.py"
             if path in MODULES:
-                own = set(numbers(ast.parse(path.read_text())))
+                own = set(numbers(parsed(path)))
                 found |= {a.name: path.stem for a in node.names if a.name in own}
     return found
 
 
-def compared(stem, text):
+def compared(stem, tree):
     """Numbers outside of the table with which a module compares something: names, and bare ones."""
-    tree = ast.parse(text)
     known = origins(stem, tree)
     for node in ast.walk(tree):
         if isinstance(node, ast.Compare) and any(isinstance(op, ORDER) for op in node.ops):
@@ -112,7 +112,7 @@ def compared(stem, text):
 
 def table():
     """Names of the thresholds, with what is said of each."""
-    body = ast.parse((ROOT / f"{TABLE.replace('.', '/')}.py").read_text()).body
+    body = parsed(ROOT / f"{TABLE.replace('.', '/')}.py").body
     for assigned, text in pairwise(body):
         if isinstance(assigned, ast.Assign):
             assert isinstance(text, ast.Expr), f"{ast.unparse(assigned)}: without a reason"
@@ -131,7 +131,7 @@ def test_each_is_needed():
     used = {
         alias.name
         for path in ROOT.joinpath("dlo_ros").rglob("*.py")
-        for node in ast.parse(path.read_text()).body
+        for node in parsed(path).body
         if isinstance(node, ast.ImportFrom) and node.module == TABLE
         for alias in node.names
     }
@@ -141,13 +141,13 @@ def test_each_is_needed():
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: p.stem)
 def test_no_other_number_decides(path):
     if path.stem != "thresholds":
-        found = set(compared(path.stem, path.read_text())) - SETTINGS
+        found = set(compared(path.stem, parsed(path))) - SETTINGS
         assert not found, f"{path}: belongs into {TABLE}"
-        assert not {n for n, _ in table()} & set(numbers(ast.parse(path.read_text()))), path
+        assert not {n for n, _ in table()} & set(numbers(parsed(path))), path
 
 
 def test_settings_are_still_compared_with():
-    assert {n for p in MODULES for n in compared(p.stem, p.read_text())} >= SETTINGS
+    assert {n for p in MODULES for n in compared(p.stem, parsed(p))} >= SETTINGS
 
 
 @pytest.mark.parametrize(
@@ -164,4 +164,4 @@ def test_settings_are_still_compared_with():
     ],
 )  # fmt: skip
 def test_a_threshold_elsewhere_is_seen(text, found):
-    assert set(compared("fit", text)) == found
+    assert set(compared("fit", ast.parse(text))) == found
