@@ -2,12 +2,16 @@
 """A DLO that creeps, and one that is damped more than guessed, in `identify`."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from experiment_recordings import moving, true_modulus
+from rods import PAPER
 
 from dlo_ros.cli.identify_results import remarks, summary, tree
+from dlo_ros.effects import Start
+from dlo_ros.identification.offline import alternatives as module
 from dlo_ros.identification.offline.recording_identification import identify
 
 CREEP = {"share": 0.7, "time": 0.3}
@@ -46,3 +50,23 @@ def test_a_damping_that_is_larger_than_guessed_is_no_creep():
     off = estimate.specific_modulus - true_modulus("simple")
     assert estimate.specific_modulus_std < 0.1 * estimate.specific_modulus
     assert abs(off) < 3.0 * estimate.specific_modulus_std
+
+
+@pytest.mark.parametrize(("moment", "found"), [(0.0, ()), (1e-4, ("hysteresis",))])
+def test_an_effect_that_a_fit_takes_back_to_nothing_is_no_alternative(monkeypatch, moment, found):
+    """Better is then the plain DLO elsewhere, and no friction is told of."""
+
+    def fitted(settings, evidence):
+        model = SimpleNamespace(settings=settings)
+        return SimpleNamespace(model=model, posterior=SimpleNamespace(evidence=evidence))
+
+    plain = PAPER
+    rubs = plain.with_effects({"hysteresis": {"moment": moment, "curvature": 12.0}})
+    start = Start("hysteresis", rubs.effects["hysteresis"], (), ("moment",))
+    monkeypatch.setattr(module, "scene_of", lambda *_: None)
+    monkeypatch.setattr(module, "starts", lambda _: [start])
+    monkeypatch.setattr(module, "instead_of_plain", lambda *_: [(start, None)])
+    monkeypatch.setattr(module, "evaluate", lambda *_: None)
+    monkeypatch.setattr(module, "fit", lambda *_, **__: fitted(rubs, 100.0))
+    others = module.alternatives(fitted(plain, 0.0), [])
+    assert tuple(a.effect for a in others) == found

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.effects import starts
+from dlo_ros.effects import quantities, starts
 from dlo_ros.effects.start import Block
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import logarithms
@@ -27,6 +27,7 @@ from dlo_ros.inference.model_comparison import certain_gain, log_bayes_factor
 from dlo_ros.inference.plain_rod import instead_of_plain
 from dlo_ros.inference.scene import scene_of
 from dlo_ros.inference.thresholds import NAMED
+from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -72,9 +73,9 @@ def alternatives(at: Evaluation, recordings: Sequence[Recording]) -> tuple[Alter
             continue
         gain = log_bayes_factor(other, at)
         LOG.info("%s, instead of a plain DLO: %+.1f", start.effect, gain)
-        if gain < certain_gain(len(begun)):
-            continue
         there = other.model.settings
+        if gain < certain_gain(len(begun)) or _does_nothing(start.effect, there):
+            continue
         shift = np.nan_to_num(logarithms(there) - logarithms(settings), posinf=0.0, neginf=0.0)
         values = there.effects[start.effect]
         modulus = there.rod.specific_modulus
@@ -82,3 +83,9 @@ def alternatives(at: Evaluation, recordings: Sequence[Recording]) -> tuple[Alter
     # An effect for which the recordings speak far less than for another one is none.
     least = max((gain for gain, _ in found), default=0.0) - NAMED
     return tuple(other for gain, other in found if gain >= least)
+
+
+def _does_nothing(effect: str, settings: Settings) -> bool:
+    """Whether the strength of an effect is at neutral: what is better is then the plain DLO."""
+    known, values = quantities(effect), settings.effects[effect]
+    return any(q.is_strength and values.get(key) == q.neutral for key, q in known.items())
