@@ -9,6 +9,7 @@ import math
 import shlex
 import textwrap
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,11 @@ from dlo_ros.cli.diagnosis_story import QUESTION_REMEDY, by_share, extends, stor
 from dlo_ros.cli.diagnosis_words import clear_side, rows
 from dlo_ros.cli.effect_words import RIGHT_HAND, mm, title
 from dlo_ros.cli.results import QUANTITIES, with_std
-from dlo_ros.diagnosis import Diagnosis, Fitted
+from dlo_ros.diagnosis import Diagnosis, Fitted, Number, SetupNumber
 from dlo_ros.diagnosis.residuals.relations import sentences
 from dlo_ros.effects import effects
 from dlo_ros.files import write_text
+from dlo_ros.identification.force_scale import POWERS
 from dlo_ros.parameters import Settings
 from dlo_ros.report.diagnosis import write_diagnosis_report
 from dlo_ros.report.diagnosis_content import (
@@ -65,9 +67,27 @@ def write_results(
     write_text(output / REPORT, json.dumps(tree(found), indent=2, allow_nan=False) + "\n")
     extended = found.extended
     comment = "Extended by dlo_ros diagnose; nodes and tools load this file as it is."
-    model = with_std(extended.settings, extended.specific_modulus[1])
+    model = with_std(_with_force_stds(found), extended.specific_modulus[1])
     write_text(output / EXTENDED, model.text(comment, without))
     write_diagnosis_report(output / "report.html", report(found, settings, loads))
+
+
+def _with_force_stds(found: Diagnosis) -> Settings:
+    """The extended model, which states the std of each force of an effect that was fitted.
+
+    An exact force would be a known one, and tell the density.
+    """
+    settings = found.extended.settings
+    numbers: dict[str, Number | SetupNumber] = {
+        f"{e.name}.{key}": n for e in found.effects for key, n in e.parameters.items()
+    }
+    stds = {
+        name: n.std
+        for name, n in (dict(found.setup) | numbers).items()
+        if n.unit in POWERS and isinstance(n.std, float)
+        and name.partition(".")[0] in settings.effects
+    }  # fmt: skip
+    return replace(settings, tolerances=stds | dict(settings.tolerances))
 
 
 def tree(found: Diagnosis) -> dict[str, Any]:

@@ -2,16 +2,18 @@
 """`diagnose` as a user types it, and how its answers are judged."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from challenge.evaluate import Case, compare, judge, summary
-from diagnoses import KNOWN, found
+from diagnoses import KNOWN, SETUP, case, found
 from measured import swing
 from rods import PAPER
 from tool_runs import run, write_bag
 
 from dlo_ros.cli.diagnosis_output import tree, write_results
+from dlo_ros.inference.priors import uncertain
 from dlo_ros.parameters import Settings
 from dlo_ros.report.force import force_arrows, force_maps
 from dlo_ros.report.loads import LoadRow
@@ -57,6 +59,21 @@ def test_results_are_what_the_interface_says(tmp_path):
                   "</svg>plain model</span>"):  # fmt: skip
         assert words in page
     assert "http" not in page.replace("http://www.w3.org", "")
+
+
+def test_a_fitted_force_is_no_known_one_in_the_extended_file(tmp_path):
+    """An exact mass would tell the density to nobody's knowledge; places are exact."""
+    write_results(tmp_path / "out", KNOWN, case(setup=SETUP))
+    extended = Settings.load(tmp_path / "out" / "extended.yaml")
+    assert extended.tolerances == {"point_mass.mass": 0.0021}
+    (mass,) = uncertain(extended)
+    assert mass.name == "effects.point_mass.mass"
+    # What the parameter file has stated holds.
+    made = case()
+    stated = replace(made.extended.settings, tolerances={"point_mass.mass": 0.001})
+    made = replace(made, extended=replace(made.extended, settings=stated))
+    write_results(tmp_path / "again", KNOWN, made)
+    assert Settings.load(tmp_path / "again" / "extended.yaml").tolerances == stated.tolerances
 
 
 def test_arrows_stand_on_the_rope_where_the_force_is_sure():
