@@ -15,7 +15,8 @@ import numpy as np
 from dlo_ros.effects import build, quantities
 from dlo_ros.errors import InputError
 from dlo_ros.identification.estimate import known_information, logarithms, with_logarithms
-from dlo_ros.parameters import Settings
+from dlo_ros.parameters import EFFECTS_PREFIX, Settings
+from dlo_ros.rod.sensitivity_parameters import effect_names
 from dlo_ros.spline import FloatArray
 
 UNKNOWN_STD = np.array([1.0, 0.3, 1.0, 1.0])
@@ -85,13 +86,13 @@ def _numbers(settings: Settings, set_up: dict[str, Any]) -> dict[tuple[str, str]
     found: dict[tuple[str, str], FloatArray] = {}
     for effect, keys in settings.effects.items():
         for key, value in keys.items():
-            std = settings.tolerances.get(f"{effect}.{key}")
-            stated = set_up.get(f"{effect}.{key}", {})
-            std = stated.get("std", std) if isinstance(stated, dict) else std
-            if std is not None:
-                found[effect, key] = np.broadcast_to(
-                    np.asarray(std, dtype=np.float64), np.shape(value)
-                )
+            beforehand = settings.tolerances.get(f"{effect}.{key}")
+            names = (n.removeprefix(EFFECTS_PREFIX) for n in effect_names(effect, key, value))
+            stated = [set_up.get(name, {}) for name in names]
+            stds = [s.get("std", beforehand) if isinstance(s, dict) else beforehand for s in stated]
+            if any(std is not None for std in stds):
+                known = np.array([std or 0.0 for std in stds], dtype=np.float64)
+                found[effect, key] = known.reshape(np.shape(value))
     return found
 
 

@@ -1,8 +1,10 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Plausible cables of `export --sample`: each in its own shape, held by its own grips."""
 
+import json
 import re
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from dlo_ros.cli import export
 from dlo_ros.cli.main import main
 from dlo_ros.errors import InputError
 from dlo_ros.export import mujoco_run
+from dlo_ros.export.draws import draw, read_knowledge
 from dlo_ros.export.fidelity import another_chain
 from dlo_ros.export.scenes import standard_scene
 from dlo_ros.parameters import Settings
@@ -59,6 +62,24 @@ def test_the_grip_holds_a_cable_at_the_angle_that_was_drawn(samples):
             quaternion = re.search(f'<{part} pos="[^"]*" quat="([^"]*)"', text)[1].split()
             turn = Rotation.from_quat(np.array(quaternion, float), scalar_first=True)
             assert np.isclose(turn.as_rotvec()[1], drawn, atol=2e-4)
+
+
+def test_each_of_several_numbers_of_an_estimate_is_drawn(tmp_path):
+    estimate = tmp_path / "estimate.json"
+    setup = {"intrinsic_curvature.curvature[1]": {"value": 2.0, "std": 0.5},
+             "gravity_tilt.angle": {"value": 0.1, "std": 0.01}}  # fmt: skip
+    tree = {"information": {"matrix": np.eye(4).tolist()}, "setup": setup}
+    estimate.write_text(json.dumps(tree))
+    settings = Settings(ROD).with_effects(
+        {"intrinsic_curvature": {"curvature": (1.0, 2.0, 3.0)}, "gravity_tilt": {"angle": 0.1}}
+    )
+    known = read_knowledge(settings, estimate)
+    drawn = np.array(
+        [c.effects["intrinsic_curvature"]["curvature"] for c in islice(draw(settings, known), 200)]
+    )
+    assert np.all(drawn[:, [0, 2]] == [1.0, 3.0])  # nobody knows how well
+    assert drawn[:, 1].mean() == pytest.approx(2.0, abs=0.15)
+    assert drawn[:, 1].std() == pytest.approx(0.5, rel=0.2)
 
 
 def test_impossible_cables_are_drawn_again(samples):
