@@ -88,7 +88,8 @@ def _numbers(settings: Settings, set_up: dict[str, Any]) -> dict[tuple[str, str]
         for key, value in keys.items():
             beforehand = settings.tolerances.get(f"{effect}.{key}")
             names = (n.removeprefix(EFFECTS_PREFIX) for n in effect_names(effect, key, value))
-            stated = [set_up.get(name, {}) for name in names]
+            of_all = set_up.get(f"{effect}.{key}", {})
+            stated = [set_up.get(name, of_all) for name in names]
             stds = [s.get("std", beforehand) if isinstance(s, dict) else beforehand for s in stated]
             if any(std is not None for std in stds):
                 known = np.array([std or 0.0 for std in stds], dtype=np.float64)
