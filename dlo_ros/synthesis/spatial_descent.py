@@ -58,7 +58,6 @@ def minimise(
     shape: Frames, spin: FloatArray, p: SpatialPotential
 ) -> tuple[Frames | None, FloatArray]:
     """Newton's method for one implicit step; no shape where it did not converge."""
-    kinked = p.softening is not None or p.contact.active or p.drag is not None
     length = float(np.sum(p.lengths))
     limit = 0.5 * float(np.min(p.lengths))
     stiffest = np.repeat(p.spring[0][:, None], DOF, axis=1)
@@ -75,9 +74,10 @@ def minimise(
         largest = largest_of(change, length)
         scale = min(1.0, limit / max(largest, 1e-300))
         after, turned = moved(shape, scale * change), spin + scale * change[3:-1:DOF]
-        if kinked and largest > STEP_LEFT:
-            # Where a law bends sharply the full step may go too far: the slope along the
-            # direction must not come out of it steeper than half of what it was, upwards.
+        if largest > STEP_LEFT:
+            # Where a law bends sharply, or a rigid part turns, the full step may go too far: the
+            # slope along the direction must not come out of it steeper than half of what it was,
+            # upwards.
             slope = float(gradient @ change)
             for _ in range(TRIES):
                 known = evaluate(after, turned, p)

@@ -5,15 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from elastica import Cantilever, hinged
 from ordinary import some_of
 
 from dlo_ros.parameters import DampingParameters, RodParameters, Settings
+from dlo_ros.synthesis.experiment import find_experiment, read_experiment
 from dlo_ros.synthesis.hidden_effects import HiddenEffects, read_effects
 from dlo_ros.synthesis.hidden_rod import build_rod
 from dlo_ros.synthesis.rod_laws import bend, yield_to
 from dlo_ros.synthesis.rod_simulation import DiscreteRodSimulation, ImposedNodes
 from dlo_ros.synthesis.rod_steps import evaluate
+from dlo_ros.synthesis.true_motion import build_simulation, simulate
 
 LENGTH = 0.4
 ROPE = RodParameters(length=LENGTH, diameter=0.004, young_modulus=2e7, density=2500.0)
@@ -339,3 +342,18 @@ def test_friction_lets_a_cantilever_stick_away_from_its_equilibrium():
     evaluate(stopped, potential, gradient, band)
     load = np.linalg.norm(gradient, axis=1) / free.vertex_lengths
     assert load.max() < 0.4 * W * 1.01 and load.mean() > 0.1 * W
+
+
+def test_a_plug_that_is_held_turns_with_its_gripper():
+    """All of a rigid part turns at once, by more than a full step of Newton's method can follow."""
+    made = yaml.safe_load(find_experiment("two_grippers").read_text())
+    made["parameters"]["effects"] = {"connector": {"mass": 0.002, "extent": 0.08}}
+    made["duration"] = 0.2
+    experiment = read_experiment(made, "test", "test.yaml")
+    simulation, _ = build_simulation(experiment)
+    truth = simulate(simulation, experiment.stamps, experiment.truth.rod.length)
+    plug = truth.nodes[-1][truth.u > 0.33]
+    along = np.diff(plug, axis=0) / np.linalg.norm(np.diff(plug, axis=0), axis=1, keepdims=True)
+    assert np.all(along @ along[-1] > 1.0 - 1e-5)
+    moved = truth.nodes[-1, -1] - truth.nodes[0, -1]
+    assert np.linalg.norm(moved) > 1e-3
