@@ -20,8 +20,13 @@ from dlo_ros.errors import DloError, VisionError
 from dlo_ros.parameter_file import parameter_values
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.bag import Bag, deserialise, open_bag
-from dlo_ros.vision.fit.control_point_count import choose_control_points
+from dlo_ros.recordings.bag import deserialise, open_bag
+from dlo_ros.vision.fit.control_point_count import (
+    choose_control_points,
+    enough_control_points,
+    follows,
+)
+from dlo_ros.vision.planar_result import VisionResult
 
 NAME = "rod.control_points"
 MOST_CONTROL_POINTS = 60  # with which shapes are looked at before their number is chosen
@@ -59,23 +64,24 @@ def _of_bag(path: Path, settings: Settings, observe: Observe, *, anew: bool) -> 
             if poses:
                 return poses
         images = bag.holds(topics.IMAGE) or bag.holds(topics.COMPRESSED)
-        if not images or _named(bag):
-            return None
+    if not images or counted_name(path):
+        return None
     number = chosen(path, settings, observe)
     if number is not None:
         print(f"{path}: {number} control points by cross-validation, since {NAME} is not given")
     return number
 
 
-def _named(bag: Bag) -> bool:
-    """Whether a command names a control point whose place depends on their number."""
+def counted_name(path: Path) -> str:
+    """A name in a bag's commands whose place depends on the number of control points; else none."""
     counted = re.compile(rf"{CONTROL_POINT}(\d+)")
-    for raw in bag.messages(bag.find(topics.COMMAND)):
-        for name in getattr(deserialise(raw), "joint_names", ()):
-            found = counted.fullmatch(str(name))
-            if found and int(found[1]) > 2:
-                return True
-    return False
+    with open_bag(path) as bag:
+        for raw in bag.messages(bag.find(topics.COMMAND)):
+            for name in getattr(deserialise(raw), "joint_names", ()):
+                found = counted.fullmatch(str(name))
+                if found and int(found[1]) > 2:
+                    return str(name)
+    return ""
 
 
 def chosen(path: Path, settings: Settings, observe: Observe) -> int | None:
@@ -100,3 +106,36 @@ def chosen(path: Path, settings: Settings, observe: Observe) -> int | None:
             break
     # Shapes still to come may be a little more bent than those looked at.
     return max(needed) + 1 if needed else None
+
+
+def advice(found: Sequence[VisionResult], settings: Settings, path: Path) -> str:
+    """Words where the splines have too few control points to follow the DLO; else none.
+
+    Args:
+        found: what the bag's images showed.
+        settings: the observer's settings.
+        path: the bag.
+    """
+    length = settings.rod.length
+    behind = [
+        points
+        for result in found
+        if (points := result.observation.points) is not None
+        and not follows(points, result.observation.control_points, length)
+    ]
+    if not behind:
+        return ""
+    some = behind[:: max(1, -(-len(behind) // CHOSEN_BY))]
+    enough = []
+    for points in some:
+        with suppress(VisionError):
+            enough.append(enough_control_points(points, length))
+    number = f"{max(enough)} would do" if enough else "no number would do"
+    where = "rod.control_points, or --control-points auto"
+    name = counted_name(path)
+    if name:
+        where = f"not with these commands, which name {name}; start and end are free of it"
+    return (
+        f"in {len(behind)} a spline of {settings.rod.control_points} control points cannot follow "
+        f"the DLO: {number} ({where})"
+    )

@@ -8,7 +8,6 @@ import logging
 import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
@@ -17,7 +16,7 @@ import cv2
 import numpy as np
 
 from dlo_ros.cli.clock_check import many_missed, tell_delay_of_images
-from dlo_ros.cli.control_points import CHOSEN_BY, chosen, with_control_points
+from dlo_ros.cli.control_points import advice, chosen, counted_name, with_control_points
 from dlo_ros.cli.observe_points import observe_points_bag, observes_points
 from dlo_ros.cli.observe_space import ObservedFrame, observe_together, watches_space
 from dlo_ros.cli.progress import progress_bar
@@ -43,10 +42,6 @@ from dlo_ros.recordings.read import (
 )
 from dlo_ros.recordings.write import BagWriter, copy_topics
 from dlo_ros.vision.camera.pinhole import Camera
-from dlo_ros.vision.fit.control_point_count import (
-    enough_control_points,
-    follows,
-)
 from dlo_ros.vision.overlay import PALETTE, draw_curve, draw_overlay, write_message
 from dlo_ros.vision.photograph import FoundDlo, find_dlos
 from dlo_ros.vision.planar_observer import Observer
@@ -146,11 +141,17 @@ def _with_control_points(path: Path, settings: Settings, wanted: str) -> Setting
     """The settings with another number of control points, given or chosen.
 
     Raises:
-        InputError: it is no number, or no image shows the DLO.
+        InputError: it is no number, no image shows the DLO, or the commands count them.
     """
     if wanted != "auto":
         flat = {**settings.flat(), "rod.control_points": wanted}
         return Settings.from_mapping(flat)
+    name = counted_name(path)
+    if name:
+        raise InputError(
+            f"{path}: {topics.COMMAND} names {name}, which is another place with another number of "
+            "control points; leave --control-points auto away, or command start and end"
+        )
     number = chosen(path, settings, observe_recording)
     if number is None:
         raise InputError(f"{path}: no image shows a credible DLO to choose control points by")
@@ -274,9 +275,9 @@ def _observe_bag(
     for reason, count in refusals.commonest(5):
         print(f"  {count} without: {reason}")
     _doubt_commands(path, settings, found, refusals.total)
-    advice = _advice(found, settings)
-    if advice:
-        print(f"  {advice}")
+    words = advice(found, settings, path)
+    if words:
+        print(f"  {words}")
     return 0
 
 
@@ -290,29 +291,6 @@ def _doubt_commands(
     shapes = tuple(result.observation for result in found)
     manipulation = Manipulation(recording.name, recording.commands, shapes)
     tell_delay_of_images(manipulation, settings, missed, lambda: uncommanded_shapes(path, settings))
-
-
-def _advice(found: list[VisionResult], settings: Settings) -> str:
-    """Words where the splines have too few control points to follow the DLO; else none."""
-    length = settings.rod.length
-    behind = [
-        points
-        for result in found
-        if (points := result.observation.points) is not None
-        and not follows(points, result.observation.control_points, length)
-    ]
-    if not behind:
-        return ""
-    some = behind[:: max(1, -(-len(behind) // CHOSEN_BY))]
-    enough = []
-    for points in some:
-        with suppress(VisionError):
-            enough.append(enough_control_points(points, length))
-    number = f"{max(enough)} would do" if enough else "no number would do"
-    return (
-        f"in {len(behind)} a spline of {settings.rod.control_points} control points cannot follow "
-        f"the DLO: {number} (rod.control_points, or --control-points auto)"
-    )
 
 
 def _prepare() -> None:

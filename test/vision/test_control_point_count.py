@@ -183,6 +183,24 @@ def test_a_command_that_names_control_points_keeps_their_number(tmp_path):
     assert with_control_points(known, params, [tmp_path / "bag"], observe_recording) == known
 
 
+def test_commands_that_count_control_points_are_told_where_another_number_would_do(
+    tmp_path, capsys
+):
+    scene, xz = Scene(), bow()
+    held = replace(clamps(xz, 7).commands[0], names=("start", "control_point_7"))
+    write_bag(tmp_path / "bag", scene, [render(xz, scene)], held)
+    settings(scene, 7).dump(tmp_path / "params.yaml")
+    words = ["observe", "--params", str(tmp_path / "params.yaml"), str(tmp_path / "bag")]
+    words += ["--output", str(tmp_path / "out")]
+    assert cli.main(words) == 0
+    assert (
+        "would do (not with these commands, which name control_point_7" in capsys.readouterr().out
+    )
+    # Followed, the number would make a pin of the end.
+    assert cli.main([*words, "--control-points", "auto", "--force"]) == 2
+    assert "names control_point_7, which is another place" in capsys.readouterr().err
+
+
 def test_images_without_a_dlo_leave_the_default(tmp_path, capsys):
     scene = Scene()
     params = tmp_path / "params.yaml"
