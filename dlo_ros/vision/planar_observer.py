@@ -230,7 +230,7 @@ class Observer:
         rod = self.settings.rod
         farthest = rod.length * (1.0 if ends.doubted is None else 1.0 + 2.0 * MOST_BESIDE)
         allowed = reach(self.camera, ends.held, farthest, rod.diameter)
-        hinted = self._hints.allowed(image, width)
+        hinted = self._hints.searched(image, width)
         if hinted is not None:
             allowed = hinted if allowed is None else hinted & spread(allowed, hinted)
         try:

@@ -121,8 +121,13 @@ def test_unusable_hints_are_refused(tmp_path):
             hints.check_size(960, 540)
     with pytest.raises(InputError, match="300 x 200 px"):
         find(scene, render(OWN, scene), mask=np.zeros((200, 300), np.uint8))
-    with pytest.raises(VisionError, match="nothing of the picture is left"):
-        find(scene, render(OWN, scene), mask=np.zeros((540, 960), np.uint8))
+    for given, name in (
+        ({"mask": np.zeros((540, 960), np.uint8)}, "the mask"),
+        ({"region": (2000.0, 0.0, 50.0, 50.0)}, r"vision\.region"),
+        ({"colour_low": (0.0, 255.0, 255.0)}, r"vision\.colour_low, vision\.colour_high"),
+    ):
+        with pytest.raises(VisionError, match=f"nothing of the picture is left .* by {name}$"):
+            find(scene, render(OWN, scene), **given)
     flat = {**settings(scene).flat(), "vision.region": [0.0, 0.0, -1.0, 0.0]}
     with pytest.raises(ParameterError, match=r"vision\.region"):
         Settings.from_mapping(flat)

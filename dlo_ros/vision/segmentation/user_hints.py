@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_ros.errors import InputError
+from dlo_ros.errors import InputError, VisionError
 from dlo_ros.parameters import VisionParameters
 from dlo_ros.vision.segmentation.edge_profile import Located
 from dlo_ros.vision.segmentation.ridge_map import Image
@@ -87,6 +87,26 @@ class Hints:
             part[round(y) : round(y + high), round(x) : round(x + wide)] = 1
             masks = [masks[0] & part] if masks else [part]
         return masks[0] if masks else None
+
+    def searched(self, image: Image, width: float) -> Image | None:
+        """The same as `allowed`, for a search, which needs some part of the image.
+
+        Raises:
+            InputError: a mask or the empty board has another size than the image.
+            VisionError: nothing is left; with the names of the hints.
+        """
+        allowed = self.allowed(image, width)
+        if allowed is None or allowed.any():
+            return allowed
+        given = {
+            "vision.region": min(self._region[2:]) > 0.0,
+            "vision.mask": self._fixed is not None,
+            "the mask": self.mask is not None,
+            "vision.colour_low, vision.colour_high": self._has_colour,
+            "vision.empty_board": self._board is not None,
+        }
+        names = " and ".join(name for name, there in given.items() if there)
+        raise VisionError(f"nothing of the picture is left where the DLO may be by {names}")
 
     def _coloured(self, image: Image) -> Image:
         """Pixels within the colour range; a range of hues may pass over red (low > high)."""

@@ -158,7 +158,7 @@ class ViewSearch:
             VisionError: there is none, or too many.
         """
         width = self.width(clamps)
-        allowed = self._hints.allowed(image, width)
+        allowed = self._hints.searched(image, width)
         bars = map_ridges(image, width, allowed)
         plane = PlaneGrid.of_pixels(bars)
         local = []
