@@ -13,6 +13,7 @@ from dlo_ros.parameter_cameras import flat_cameras
 from dlo_ros.parameter_text import parameter_lines
 from dlo_ros.parameters import Vector
 from dlo_ros.recordings.calibration_pictures import SUFFIXES, is_bag, read_picture
+from dlo_ros.report.elements import measured
 from dlo_ros.vision.calibration.camera_file import read_camera_file
 from dlo_ros.vision.calibration.camera_network import CalibratedCameras, calibrate_cameras
 from dlo_ros.vision.calibration.pattern_search import PatternView, find_pattern
@@ -162,7 +163,7 @@ def write_cameras(found: CalibratedCameras, path: Path) -> str:
     )
     write_text(path, head + parameter_lines(flat_cameras(found.poses)))
     apart = ", ".join(
-        f"{name} {1000 * distance:.1f} +- {1000 * std:.1f} mm from {next(iter(found.poses))}"
+        f"{name} {measured(1e3 * distance, 1e3 * std, 'mm')} from {next(iter(found.poses))}"
         for name, (distance, std) in found.distances.items()
     )
     return f"{apart}; corners within {found.rms:.2f} px at {found.instants} instants"

@@ -1,12 +1,16 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Cameras calibrated to one another and to the board."""
 
+import re
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from calibration_scenes import DISTORTION, MATRIX, SIZE, Lens, chessboard, pixels_of, turned
 from scipy.spatial.transform import Rotation
 
+from dlo_ros.cli.calibrate_cameras import write_cameras
 from dlo_ros.cli.main import main
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import Settings
@@ -70,6 +74,13 @@ def test_the_board_in_both_cameras():
     assert distance == pytest.approx(np.linalg.norm(ASIDE), abs=max(4.0 * std, 1e-4))
     assert 0.0 < std < 1e-3
     assert found.instants == 4 and found.rms < 0.12
+
+
+def test_a_small_standard_deviation_is_told(tmp_path):
+    found = calibrate_cameras(instants(np.random.default_rng(1)), 0, BOTH, PATTERN)
+    found = replace(found, distances={"right": (0.0617982, 3.2e-5)})
+    told = write_cameras(found, tmp_path / "cameras.yaml")
+    assert told.startswith("right 61.798 +- 0.032 mm from left; corners within 0.")
 
 
 def rolled(pattern, angle, tilts, rng, farthest=0.0):
@@ -227,7 +238,8 @@ def test_from_pictures_to_a_parameter_file(tmp_path, capsys):
     cameras = [f"{name}={tmp_path / 'info.yaml'}" for name in ("left", "right")]
     call += [str(tmp_path / "l"), str(tmp_path / "r"), "--board", "0.png", "--cameras", *cameras]
     assert main(call) == 0
-    assert "right 60." in capsys.readouterr().out
+    told = re.search(r"right (60\.\d+) \+- (\S+) mm from left", capsys.readouterr().out)
+    assert told is not None and 0.0 < float(told[2]) < 1.0
     rod = "/**:\n  ros__parameters:\n    rod: {length: 0.4, diameter: 0.004, density: 2000.0, "
     (tmp_path / "p.yaml").write_text(
         rod
