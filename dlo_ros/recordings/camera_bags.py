@@ -28,6 +28,7 @@ from dlo_ros.recordings.synchronisation import ApproximateTime
 
 LOG = logging.getLogger(__name__)
 
+PACKED_DEPTH = f"{topics.DEPTH}/compressedDepth"
 DEPTH = " depth"  # beside the names of cameras, which have no spaces
 
 
@@ -49,9 +50,21 @@ class TimedImage:
 
 
 def has_depth(path: Path) -> bool:
-    """Whether a bag holds depth images of the one camera."""
+    """Whether a bag holds depth images of the one camera; compressed ones do not count.
+
+    Raises:
+        RecordingError: no bag, or damaged.
+    """
     with open_bag(path) as bag:
-        return bag.holds(topics.DEPTH)
+        found = bag.holds(topics.DEPTH)
+        packed = [c.topic for c in bag.connections if topics.is_topic(c.topic, PACKED_DEPTH)]
+    if packed and not found:
+        LOG.warning(
+            "%s: %s is not read, so the DLO is taken to lie in the board's plane; republish it as "
+            "%s (ros2 run image_transport republish compressedDepth raw) and record that",
+            path, packed[0], topics.DEPTH,
+        )  # fmt: skip
+    return found
 
 
 def count_images(path: Path, camera: str) -> int:

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from dlo_ros.errors import RecordingError
-from dlo_ros.recordings.camera_bags import iterate_together
+from dlo_ros.recordings.camera_bags import has_depth, iterate_together
 from dlo_ros.recordings.image_building import (
     camera_info_message,
     compressed_message,
+    depth_message,
     image_message,
 )
 from dlo_ros.recordings.images import CameraInfo
@@ -101,3 +102,16 @@ def test_compressed_depth_images_are_no_pictures(namespace, tmp_path):
             image = image_message(BAG_MESSAGES, at, "camera", picture)
             writer.write(f"{namespace}image_raw", image, at)
     assert [image.min() for _, image, _ in iterate_images(tmp_path / "bag")] == [200, 200]
+
+
+@pytest.mark.parametrize("raw", [False, True])
+def test_compressed_depths_are_not_left_out_in_silence(tmp_path, caplog, raw):
+    packed = compressed_message(BAG_MESSAGES, 1, "eye", b"", "16UC1; compressedDepth")
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.write("depth/image_raw/compressedDepth", packed, 1)
+        if raw:
+            depth = depth_message(BAG_MESSAGES, 1, "eye", np.ones((4, 4), np.uint16))
+            writer.write("depth/image_raw", depth, 1)
+    assert has_depth(tmp_path / "bag") == raw
+    told = "/depth/image_raw/compressedDepth is not read" in caplog.text
+    assert told != raw
