@@ -270,7 +270,7 @@ def _observe(path: Path, settings: Settings) -> list[Observation]:
 def _usable(
     observed: Iterable[ObservedFrame | ObservedPoints], none: str, reason: str
 ) -> list[Observation]:
-    """The observations among all results of the observer.
+    """The observations among all results of the observer, by growing stamp, each stamp once.
 
     Args:
         none: beginning of the message where there is none.
@@ -279,12 +279,17 @@ def _usable(
     Raises:
         RecordingError: there is none.
     """
-    found, refusals = [], Refusals()
+    found: dict[int, Observation] = {}
+    refusals, doubled = Refusals(), 0
     for each in observed:
         if each.result is None:
             refusals.add(each.reason)
+        elif each.result.observation.stamp in found:
+            doubled += 1
         else:
-            found.append(each.result.observation)
+            found[each.result.observation.stamp] = each.result.observation
+    if doubled:
+        LOG.warning("%s counts beside another of its stamp: %d are left out", none, doubled)
     if not found:
         raise RecordingError(f"{none} shows a credible DLO ({refusals.main(reason)})")
-    return found
+    return [found[stamp] for stamp in sorted(found)]

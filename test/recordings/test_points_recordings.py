@@ -197,3 +197,16 @@ def test_rotations_that_are_none_are_refused_and_the_others_of_the_message_taken
     with pytest.raises(InputError, match="rotation of tracker"):
         transforms.add(message, fixed=True)
     assert transforms.parents == {"hand": "board"}
+
+
+def test_of_lists_of_one_stamp_one_counts(tmp_path, caplog):
+    """Two trackers with one clock, or a list that was recorded twice, in another order."""
+    source = bag(tmp_path / "bag", frames=1)
+    with BagWriter(tmp_path / "two") as writer:
+        copy_topics(source, writer, exclude=(topics.POINTS,))
+        for k, late in enumerate((2, 0, 0, 1, 1)):
+            stamp = BEGIN + late * STEP
+            writer.write(topics.POINTS, cloud("board", k, stamp), BEGIN + k)
+    found = load_manipulation(tmp_path / "two", SETTINGS)
+    assert [o.stamp for o in found.observations] == [BEGIN + k * STEP for k in range(3)]
+    assert "no list of points counts beside another of its stamp: 2 are left out" in caplog.text
