@@ -126,7 +126,7 @@ def test_unusable_hints_are_refused(tmp_path):
         ({"region": (2000.0, 0.0, 50.0, 50.0)}, r"vision\.region"),
         ({"colour_low": (0.0, 255.0, 255.0)}, r"vision\.colour_low, vision\.colour_high"),
     ):
-        with pytest.raises(VisionError, match=f"nothing of the picture is left .* by {name}$"):
+        with pytest.raises(VisionError, match=f"^{name}: nothing of the picture is left"):
             find(scene, render(OWN, scene), **given)
     flat = {**settings(scene).flat(), "vision.region": [0.0, 0.0, -1.0, 0.0]}
     with pytest.raises(ParameterError, match=r"vision\.region"):

@@ -106,7 +106,7 @@ class Hints:
             "vision.empty_board": self._board is not None,
         }
         names = " and ".join(name for name, there in given.items() if there)
-        raise VisionError(f"nothing of the picture is left where the DLO may be by {names}")
+        raise VisionError(f"{names}: nothing of the picture is left where the DLO may be")
 
     def _coloured(self, image: Image) -> Image:
         """Pixels within the colour range; a range of hues may pass over red (low > high)."""
