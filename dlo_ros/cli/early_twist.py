@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dlo_ros.command import END, NANOSECONDS, START, Command, Motion
+from dlo_ros.command import END, NANOSECONDS, START, Command
 from dlo_ros.effects.physics.clamp_angle import TOLERANCE
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.spline import FloatArray
@@ -40,25 +40,24 @@ def imposed_twist(commands: Sequence[Command], until: int) -> float:
 
     Counted from where both ends came to be clamped, and up to a stamp [ns]; full turns add up.
     """
-    motion = Motion()
-    for command in sorted(commands, key=lambda c: c.stamp):
-        motion.add(command)
-    stamps = {round(c.stamp + t * NANOSECONDS) for c in motion.commands for t in c.times}
+    begun = sorted((c for c in commands if c.stamp < until), key=lambda c: c.stamp)
     twist, before = 0.0, None
-    for stamp in sorted({*(s for s in stamps if s < until), until}):
-        now = _clamps(motion.at(stamp), stamp)
-        if now is None:
-            twist = 0.0  # a new grip takes the DLO as it is
-        elif before is not None:
-            start, end = (_turned(a, b) for a, b in zip(before, now, strict=True))
-            twist += end - start
-        before = now
+    for command, end in zip(begun, [*(c.stamp for c in begun), until][1:], strict=True):
+        points = (command.stamp + round(t * NANOSECONDS) for t in command.times)
+        for stamp in [*(p for p in points if p < end), end]:
+            now = _clamps(command, stamp)
+            if now is None:
+                twist = 0.0  # a new grip takes the DLO as it is
+            elif before is not None:
+                start, last = (_turned(a, b) for a, b in zip(before, now, strict=True))
+                twist += last - start
+            before = now
     return twist
 
 
-def _clamps(command: Command | None, stamp: int) -> FloatArray | None:
+def _clamps(command: Command, stamp: int) -> FloatArray | None:
     """Rotation matrices of the clamps at both ends, shape (2, 3, 3); None without both."""
-    if command is None or not {START, END} <= set(command.names):
+    if not {START, END} <= set(command.names):
         return None
     _, rotations = command.sample(stamp)
     both = [command.names.index(name) for name in (START, END)]
