@@ -305,6 +305,7 @@ def test_where_the_set_up_is_strained_causes_are_looked_for_beside_a_neutral_one
     assert offers == [[at], [at, "neutral"], [offers[2][0]]]
 
 
+@pytest.mark.slow
 def test_a_proposal_with_boundless_derivatives_is_left_out():
     at, _ = fitted_set_up()
     both = Start("constant_force", {"x": 0.0, "z": 0.0}, ("x", "z"), ("x", "z"))

@@ -73,6 +73,7 @@ def test_within_its_tolerance_it_is_none():
     assert "clamp_angle" not in named(at)
 
 
+@pytest.mark.slow
 def test_a_number_that_is_freed_is_as_far_off_as_one_within_its_tolerance(turned):
     """One and a half tolerances: a clamp that was freed as a cause counts as a departure still."""
     (clamp,) = (g for g in freed(turned.model) if g.effect == "clamp_angle")

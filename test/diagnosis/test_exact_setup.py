@@ -33,6 +33,7 @@ def turned():
     return prepared({"clamp_angle": {"start": TURN}}, 31)
 
 
+@pytest.mark.slow
 def test_a_part_of_an_exact_set_up_stays_at_neutral_and_can_be_a_cause_all_the_same(turned):
     model = turned[0].setup.model
     here = exact(model, turned[0].recordings)

@@ -39,6 +39,7 @@ def test_a_creep_that_looks_like_damping_is_told_and_its_modulus_lies_within_the
     assert not any("gives way" in s for s in summary(quiet))
 
 
+@pytest.mark.slow
 def test_a_damping_that_is_larger_than_guessed_is_no_creep():
     recording, given = moving("simple", {"internal_damping": {"relaxation_time": 0.05}}, 12)
     found = identify([recording], replace(given, rod=replace(given.rod, density_std=1.0)))

@@ -57,6 +57,7 @@ def test_of_two_wrong_pictures_either_may_be_the_worse_by_model_and_by_sight():
     assert set(np.flatnonzero(outliers(seen, missed))) >= {30, 31, 60, 62}
 
 
+@pytest.mark.slow
 def test_a_few_wrong_pictures_do_not_bend_the_estimate():
     recording = swing(PAPER)
     seen = list(recording.observations)

@@ -52,6 +52,7 @@ def test_a_twisting_stiffness_is_told_where_a_turned_clamp_tells_it(ratio, tmp_p
     assert found.estimate.specific_modulus == pytest.approx(true, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_free_end_tells_no_twisting_stiffness(tmp_path):
     """A rope that is not held at its end untwists, whatever the stiffness."""
     tree = yaml.safe_load(find_experiment("simple").read_text())

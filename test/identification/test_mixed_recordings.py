@@ -35,6 +35,7 @@ def spatial(planar):
     return replace(planar, name="spatial", observations=tuple(seen))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turned", some_of([False, True], [False]))
 def test_recordings_in_the_plane_and_in_space_are_fitted_together(planar, spatial, turned):
     recordings = [spatial, planar] if turned else [planar, spatial]

@@ -85,6 +85,7 @@ def test_forces_that_contradict_a_stated_density_leave_a_fit_that_has_ended(swin
     assert not any("not converged" in line for line in remarks(found))
 
 
+@pytest.mark.slow
 def test_a_stated_tolerance_leaves_what_forces_tell(swinging):
     """The tolerance of a diameter that nobody states stays out where all else is exact."""
     plain = identify([swinging], known(SENSOR)).estimate

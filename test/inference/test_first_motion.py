@@ -149,6 +149,7 @@ def test_predict_starts_a_swing_where_it_was_let_go(tmp_path, caplog):
     assert "try --start observed" in caplog.text
 
 
+@pytest.mark.slow
 def test_results_state_no_start_that_the_tool_has_found_itself(tmp_path, capsys):
     """A recording that began in motion would be predicted from rest by what it gave."""
     bag, file = tmp_path / "swing", tmp_path / "params.yaml"
