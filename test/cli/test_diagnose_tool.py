@@ -68,7 +68,7 @@ def test_a_fitted_force_is_no_known_one_in_the_extended_file(tmp_path):
     assert extended.tolerances == {"point_mass.mass": 0.0021}
     (mass,) = uncertain(extended)
     assert mass.name == "effects.point_mass.mass"
-    # What the parameter file has stated holds.
+    # A std that the parameter file states holds.
     made = case()
     stated = replace(made.extended.settings, tolerances={"point_mass.mass": 0.001})
     made = replace(made, extended=replace(made.extended, settings=stated))

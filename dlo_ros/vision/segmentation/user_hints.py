@@ -89,7 +89,7 @@ class Hints:
         return masks[0] if masks else None
 
     def searched(self, image: Image, width: float) -> Image | None:
-        """The same as `allowed`, for a search, which needs some part of the image.
+        """Pixels in which the DLO is looked for: those of `allowed`, of which there must be some.
 
         Raises:
             InputError: a mask or the empty board has another size than the image.
