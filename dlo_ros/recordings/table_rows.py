@@ -6,9 +6,10 @@ from __future__ import annotations
 import csv
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ ORIGIN = 1_750_000_000 * NANOSECONDS
 """Stamp [ns] of the time 0 where times count from the beginning of a recording."""
 LONGEST = 1e6  # [s] longest recording; later times are those of a clock
 LATEST = 2**31 * NANOSECONDS  # [ns] a message's stamp has seconds of 32 bits
+
+T = TypeVar("T")
 
 
 class Row(dict[str, str]):
@@ -58,7 +61,7 @@ def rows_of(path: Path, needed: Sequence[str]) -> list[Row]:
                     f"{path}: its first line names the column '{twice}' twice; each needs a name "
                     "of its own"
                 )
-            missing = [name for name in needed if name not in (reader.fieldnames or ())]
+            missing = [name for name in needed if name not in head]
             if missing:
                 raise InputError(
                     f"{path}: its first line has no {', '.join(missing)}; it must name "
@@ -148,6 +151,19 @@ def measured(
             reasons[0], len(reasons), len(rows),
         )  # fmt: skip
     return np.array(stamps(path, usable), dtype=np.int64), values[: len(usable)]
+
+
+def add_first(known: dict[int, T], more: Iterable[tuple[int, T]]) -> int:
+    """Add values by their stamps [ns], of which the first counts.
+
+    Returns:
+        How many are left out, since their stamps were known.
+    """
+    left_out = 0
+    for stamp, value in more:
+        left_out += stamp in known
+        known.setdefault(stamp, value)
+    return left_out
 
 
 def _measurement(path: Path, row: Row, names: Sequence[str]) -> FloatArray:

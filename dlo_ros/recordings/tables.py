@@ -38,6 +38,7 @@ from dlo_ros.recordings.table_rows import (
     PLACE,
     STAMP,
     Row,
+    add_first,
     check_clocks,
     measured,
     numbers,
@@ -85,17 +86,11 @@ def read_csv(
         if "name" in columns:
             commands += read_commands(path, settings)
         elif set(POINT) <= columns:
-            found = _points(path, settings.rod.length)
-            both = len(points.keys() & found.keys())
-            points = found | points
+            both = add_first(points, _points(path, settings.rod.length).items())
             if both:
                 LOG.warning("%s: points at %d stamps are left out that others have", path, both)
         elif not set(WRENCH) <= columns:  # see `wrench_table`
-            shapes = _observations(path, settings)
-            before = len(observations)
-            for observation in shapes:
-                observations.setdefault(observation.stamp, observation)
-            twice = before + len(shapes) - len(observations)
+            twice = add_first(observations, ((o.stamp, o) for o in _observations(path, settings)))
             if twice:
                 LOG.warning("%s: %d splines are left out that have a stamp of others", path, twice)
     named = ", ".join(map(str, inputs))

@@ -12,7 +12,7 @@ import numpy as np
 from dlo_ros.command import END, START
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Wrenches
-from dlo_ros.recordings.table_rows import STAMP, measured, rows_of
+from dlo_ros.recordings.table_rows import STAMP, add_first, measured, rows_of
 from dlo_ros.recordings.tables import WRENCH, WRENCH_FILE, files
 from dlo_ros.recordings.tables import write_table as write
 
@@ -37,11 +37,8 @@ def read_wrench_tables(inputs: Sequence[Path]) -> tuple[Wrenches, ...]:
                 )
         for end in dict.fromkeys(line["end"] for line in lines):
             at, values = measured(path, [r for r in lines if r["end"] == end], WRENCH[1:])
-            own = rows.setdefault(end, {})
-            before = len(own)
-            for stamp, value in zip(at.tolist(), values, strict=True):
-                own.setdefault(stamp, value)
-            twice = before + len(at) - len(own)
+            found = zip(at.tolist(), values, strict=True)
+            twice = add_first(rows.setdefault(end, {}), found)
             if twice:
                 LOG.warning("%s: %d forces are left out that have a stamp of others", path, twice)
     result = []
